@@ -1,0 +1,215 @@
+"""Pinhole cameras: intrinsics, poses and the matrices that follow from them.
+
+World is the frame of the mesh files. The camera frame is OpenGL's: x right, y up, looking
+along -z. Matrices are named ``a_to_b`` and multiply column vectors. Angles are radians.
+Nothing here knows of meshes, sensors or OpenGL.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_PARALLEL = 1e-9  # sine below which the optical axis counts as parallel to ``up``
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Field of view of a pinhole camera, in radians; no pixels, the resolution is a choice.
+
+    Attributes
+    ----------
+    hfov, vfov : float
+        Full opening angles along the image's x and y, radians, each in (0, pi).
+    """
+
+    hfov: float
+    vfov: float
+
+    def __post_init__(self) -> None:
+        for name, value in (("hfov", self.hfov), ("vfov", self.vfov)):
+            if not 0 < value < math.pi:
+                raise ValueError(f"{name} = {math.degrees(value):g} deg must lie in (0, 180)")
+
+    @classmethod
+    def from_degrees(cls, hfov_deg: float, vfov_deg: float) -> Intrinsics:
+        """Return the intrinsics for opening angles in degrees."""
+        return cls(math.radians(hfov_deg), math.radians(vfov_deg))
+
+    @property
+    def tan_half(self) -> Array:
+        """Tangents of the half angles along x and y, (2,) float64."""
+        return np.tan([self.hfov / 2, self.vfov / 2])
+
+
+def direction_from_angles(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
+    """Return unit directions, (..., 3), for azimuth and elevation in radians.
+
+    Azimuth turns from +X towards +Y in the XY plane, elevation rises from it towards +Z.
+    Table 10 of the paper reads so (theta = azimuth, gamma = elevation modulo 2 pi).
+    """
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    return np.stack(
+        [
+            np.cos(azimuth) * np.cos(elevation),
+            np.sin(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ],
+        axis=-1,
+    )
+
+
+def angles_from_direction(direction: ArrayLike) -> tuple[Array, Array]:
+    """Return azimuth and elevation, radians, of directions (..., 3) of any length > 0."""
+    d = np.asarray(direction, dtype=float)
+    return np.arctan2(d[..., 1], d[..., 0]), np.arctan2(d[..., 2], np.hypot(d[..., 0], d[..., 1]))
+
+
+def _normalized(vector: ArrayLike) -> Array:
+    """Return vectors (..., 3) at unit length; a zero vector is an error."""
+    v = np.asarray(vector, dtype=float)
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    if not np.all(np.isfinite(v)) or np.any(length == 0):
+        raise ValueError("a direction must be finite and not zero")
+    return v / length
+
+
+def _unrolled_axes(direction: Array, up: Array) -> tuple[Array, Array]:
+    """Return right and up of the unrolled image for unit directions (..., 3).
+
+    Image up is the projection of ``up``. Where the direction is parallel to ``up`` the
+    world axis least aligned with ``up`` (x before y before z) stands in for it.
+    """
+    fallback = np.eye(3)[np.argmin(np.abs(np.round(up, 12)))]
+    right = np.cross(direction, up)
+    length = np.linalg.norm(right, axis=-1, keepdims=True)
+    parallel = length <= _PARALLEL
+    right = np.where(parallel, np.cross(direction, fallback), right)
+    right = right / np.where(parallel, np.linalg.norm(right, axis=-1, keepdims=True), length)
+    return right, np.cross(right, direction)
+
+
+def camera_to_world(
+    position: ArrayLike, direction: ArrayLike, roll: ArrayLike = 0.0, up: ArrayLike = (0, 0, 1)
+) -> Array:
+    """Return poses of cameras at ``position`` that look along ``direction``.
+
+    Parameters
+    ----------
+    position, direction : (..., 3) float
+        Optical centre and optical axis in the world; the axis may have any length > 0.
+    roll : (...) float
+        Rotation about the optical axis by the right-hand rule, radians.
+        Roll 0 puts the image's up along the projection of ``up``.
+    up : (3,) float
+        World direction that an unrolled image shows upright. An optical axis parallel to it
+        takes, in its stead, the world axis least aligned with ``up``.
+
+    Returns
+    -------
+    camera_to_world : (..., 4, 4) float64
+        Proper rigid transforms: the columns are right, up, -direction and position.
+
+    Raises
+    ------
+    ValueError
+        If a direction or ``up`` is zero or not finite.
+
+    References
+    ----------
+    Sec. 2.1 (optimisation variables) and Sec. 3.1 (roll by the right-hand rule).
+    """
+    d = _normalized(direction)
+    right0, up0 = _unrolled_axes(d, _normalized(up))
+    cos, sin = np.cos(roll)[..., None], np.sin(roll)[..., None]
+    right = right0 * cos - up0 * sin
+    image_up = right0 * sin + up0 * cos
+    shape = np.broadcast_shapes(right.shape, np.shape(position))
+    pose = np.zeros((*shape[:-1], 4, 4))
+    pose[..., :3, 0] = right
+    pose[..., :3, 1] = image_up
+    pose[..., :3, 2] = -d
+    pose[..., :3, 3] = position
+    pose[..., 3, 3] = 1.0
+    return pose
+
+
+def position_direction_roll(
+    pose: ArrayLike, up: ArrayLike = (0, 0, 1)
+) -> tuple[Array, Array, Array]:
+    """Return position (..., 3), unit direction (..., 3) and roll (...), the inverse of a pose."""
+    m = np.asarray(pose, dtype=float)
+    direction = -m[..., :3, 2]
+    right0, up0 = _unrolled_axes(direction, _normalized(up))
+    right = m[..., :3, 0]
+    roll = np.arctan2(-np.sum(right * up0, axis=-1), np.sum(right * right0, axis=-1))
+    return m[..., :3, 3], direction, roll
+
+
+def mirrored_pose(pose: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array:
+    """Return poses (..., 4, 4) mirrored over a plane: the twin sees the mirrored scene.
+
+    Position, direction and image up are reflected and right is turned back, so the result is
+    a proper rotation; where ``up`` lies in the plane or along its normal, that is the same
+    sensor with reflected position and direction and the opposite roll.
+    """
+    m = np.asarray(pose, dtype=float)
+    n = _normalized(normal)
+    reflection = np.eye(3) - 2 * np.outer(n, n)
+    twin = m.copy()
+    twin[..., :3, :3] = reflection @ m[..., :3, :3] @ np.diag([-1.0, 1.0, 1.0])
+    offset = m[..., :3, 3] - np.asarray(point, dtype=float)
+    twin[..., :3, 3] = offset @ reflection + np.asarray(point, dtype=float)
+    return twin
+
+
+def rigid_inverse(pose: ArrayLike) -> Array:
+    """Return ``world_to_camera`` (..., 4, 4) of ``camera_to_world``, and the other way round."""
+    m = np.asarray(pose, dtype=float)
+    inverse = np.zeros_like(m)
+    rotation = np.swapaxes(m[..., :3, :3], -1, -2)
+    inverse[..., :3, :3] = rotation
+    inverse[..., :3, 3] = -(rotation @ m[..., :3, 3:])[..., 0]
+    inverse[..., 3, 3] = 1.0
+    return inverse
+
+
+def projection_matrix(tan_half: ArrayLike, clip_near: ArrayLike, clip_far: ArrayLike) -> Array:
+    """Return OpenGL perspective projections of pinhole cameras.
+
+    Parameters
+    ----------
+    tan_half : (..., 2) float
+        Tangents of the half angles along x and y; see ``Intrinsics.tan_half``.
+    clip_near, clip_far : (...) float
+        Distances of the clip planes along the optical axis, in scene units, with
+        ``0 < clip_near < clip_far``. Not the sensor's working range.
+
+    Returns
+    -------
+    camera_to_clip : (..., 4, 4) float64
+        Maps camera-frame column vectors to clip space; z/w is -1 at ``clip_near`` and
+        +1 at ``clip_far``.
+
+    Raises
+    ------
+    ValueError
+        Unless ``0 < clip_near < clip_far``.
+    """
+    tan = np.asarray(tan_half, dtype=float)
+    near, far = np.asarray(clip_near, dtype=float), np.asarray(clip_far, dtype=float)
+    if not np.all((near > 0) & (near < far)):
+        raise ValueError(f"clip planes must satisfy 0 < near < far, got {near} and {far}")
+    shape = np.broadcast_shapes(tan.shape[:-1], near.shape, far.shape)
+    matrix = np.zeros((*shape, 4, 4))
+    matrix[..., 0, 0] = 1 / tan[..., 0]
+    matrix[..., 1, 1] = 1 / tan[..., 1]
+    matrix[..., 2, 2] = -(far + near) / (far - near)
+    matrix[..., 2, 3] = -2 * far * near / (far - near)
+    matrix[..., 3, 2] = -1.0
+    return matrix
