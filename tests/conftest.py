@@ -1,0 +1,29 @@
+"""Fixtures for every test: loud floating point, a seeded generator, the shared real meshes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+# Real meshes that nobody here modelled lie beside the checkout, where there are any.
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(autouse=True)
+def _loud_floats():
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        yield
+
+
+@pytest.fixture
+def rng(request) -> np.random.Generator:
+    """A generator seeded by the test's name: the same in every run, another in every test."""
+    return np.random.default_rng(list(request.node.nodeid.encode()))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder with the arms and the kitchen; tests that need it are skipped where absent."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip(f"the real meshes are not present (looked for {SHARED_DATA})")
+    return SHARED_DATA
