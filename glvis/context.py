@@ -1,0 +1,190 @@
+"""The one OpenGL context of a process: EGL without a window first, OSMesa as the fallback.
+
+A context belongs to its process for life: glcontext cannot end an EGL display, and a forked
+child of a process that has one hangs. Workers are therefore spawned, never forked.
+The environment variable GLVIS_GL = egl | osmesa chooses the way; without it both are tried.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import glcontext
+import moderngl
+
+from glvis.errors import MachineError
+
+_ENVIRONMENT = "GLVIS_GL"
+_MAX_EGL_DEVICES = 32
+_GL_VERSION = 330  # core profile that every driver of the last fifteen years runs
+_INSTALL_HINT = (
+    "on Debian or Ubuntu: apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, "
+    "or libosmesa6 for OSMesa"
+)
+
+
+@dataclass(frozen=True)
+class GlInfo:
+    """Who draws: as the driver names itself, and the way the context was made."""
+
+    vendor: str
+    renderer: str
+    version: str
+    backend: str
+
+    @property
+    def is_software(self) -> bool:
+        """Whether the driver rasterises on the CPU."""
+        return any(word in self.renderer.lower() for word in ("llvmpipe", "softpipe", "swrast"))
+
+
+@cache
+def gl_context() -> moderngl.Context:
+    """Return this process's context, made on the first call.
+
+    Raises
+    ------
+    MachineError
+        Where neither way gives an OpenGL 3.3 core context; the message has each way's own
+        words and the packages to install.
+    """
+    wanted = os.environ.get(_ENVIRONMENT, "").strip().lower()
+    ways = {"egl": _egl_context, "osmesa": _osmesa_context}
+    if wanted and wanted not in ways:
+        raise MachineError(f"{_ENVIRONMENT} = '{wanted}' must be one of egl, osmesa, or unset")
+    failures = []
+    for name in [wanted] if wanted else list(ways):
+        try:
+            context = ways[name]()
+        except Exception as error:  # glcontext raises bare Exception
+            failures.append(f"{name}: {' '.join(str(error).split())}")
+            continue
+        context.gc_mode = "auto"
+        context.extra = name
+        return context
+    raise MachineError(f"no OpenGL 3.3 context ({'; '.join(failures)}); {_INSTALL_HINT}")
+
+
+def gl_info() -> GlInfo:
+    """Return who draws in this process."""
+    context = gl_context()
+    info = context.info
+    return GlInfo(info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"], context.extra)
+
+
+def _egl_context() -> moderngl.Context:
+    """Return a context on the first EGL device that can draw.
+
+    Mesa lists its software device after the hardware ones, and glcontext takes one index
+    and gives up where that device is unusable, so every index is tried.
+    """
+    make = glcontext.get_backend_by_name("egl")
+    failure: Exception = RuntimeError("no device")
+    for device_index in range(_MAX_EGL_DEVICES):
+        try:
+            native = _with_library_names(make, device_index)
+            context = moderngl.create_context(require=_GL_VERSION, context=native)
+            _probe(context)
+            return context
+        except Exception as error:
+            failure = error if device_index == 0 else failure
+            found = re.search(r"requested device index \d+, but found (\d+)", str(error))
+            if found:  # past the end of the list: the first device's words say more
+                if device_index == 0:
+                    failure = RuntimeError(f"found {found[1]} EGL devices")
+                break
+            if "not loaded" in str(error) or "not found" in str(error).lower():
+                break  # the library itself is missing: no index will help
+    raise failure
+
+
+def _with_library_names(make: Any, device_index: int) -> Any:
+    """Return a native EGL context; versioned names first, slim images have no others."""
+    try:
+        return make(
+            mode="standalone",
+            glversion=_GL_VERSION,
+            device_index=device_index,
+            libegl="libEGL.so.1",
+            libgl="libGL.so.1",
+        )
+    except Exception as error:
+        if "libEGL" not in str(error) and "libGL" not in str(error):
+            raise
+        return make(mode="standalone", glversion=_GL_VERSION, device_index=device_index)
+
+
+def _osmesa_context() -> moderngl.Context:
+    """Return an off-screen Mesa context; Mesa had OSMesa up to 25.0."""
+    context = moderngl.create_context(require=_GL_VERSION, context=_OSMesa())
+    _probe(context)
+    return context
+
+
+def _probe(context: moderngl.Context) -> None:
+    """Clear one pixel and read it back: a device that cannot do this is not usable."""
+    target = context.simple_framebuffer((1, 1))
+    target.clear(1.0, 0.0, 0.0, 1.0)
+    pixel = target.read()
+    target.release()
+    if pixel != b"\xff\x00\x00":
+        raise RuntimeError(f"a red pixel was read back as {list(pixel)}")
+
+
+class _OSMesa:
+    """OSMesa through moderngl's custom-context protocol.
+
+    moderngl asks for ``load_opengl_function``, ``__enter__``, ``__exit__`` and ``release``.
+    """
+
+    _FORMAT, _DEPTH_BITS, _PROFILE, _CORE = 0x22, 0x30, 0x33, 0x34  # GL/osmesa.h
+    _MAJOR, _MINOR, _RGBA, _UNSIGNED_BYTE = 0x36, 0x37, 0x1908, 0x1401
+
+    def __init__(self) -> None:
+        self._library = self._loaded_library()
+        self._library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        self._library.OSMesaCreateContextAttribs.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+        self._library.OSMesaMakeCurrent.argtypes = [ctypes.c_void_p, ctypes.c_void_p] + [
+            ctypes.c_int
+        ] * 3
+        self._library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        self._library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        wanted = [self._FORMAT, self._RGBA, self._DEPTH_BITS, 24, self._PROFILE, self._CORE]
+        wanted += [self._MAJOR, _GL_VERSION // 100, self._MINOR, _GL_VERSION // 10 % 10, 0]
+        self._handle = self._library.OSMesaCreateContextAttribs(
+            (ctypes.c_int * len(wanted))(*wanted), None
+        )
+        if not self._handle:
+            raise RuntimeError("OSMesa made no 3.3 core context")
+        self._screen = (ctypes.c_ubyte * 64)()  # the 4 x 4 default framebuffer, never drawn to
+        self.__enter__()
+
+    @staticmethod
+    def _loaded_library() -> ctypes.CDLL:
+        names = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+        for name in names:
+            try:
+                return ctypes.CDLL(name)
+            except OSError:
+                continue
+        raise RuntimeError(f"{names[0]} not found")
+
+    def load_opengl_function(self, name: str) -> int:
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    def __enter__(self) -> None:
+        if not self._library.OSMesaMakeCurrent(
+            self._handle, self._screen, self._UNSIGNED_BYTE, 4, 4
+        ):
+            raise RuntimeError("OSMesa did not make its context current")
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
