@@ -300,10 +300,10 @@ def _grouping_order(points: NDArray[Any]) -> NDArray[np.int64]:
     where two different points share a word, which would take some 2^32 points, the
     coordinates are sorted after all.
     """
-    words = points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
+    words: NDArray[Any] = points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
     key = np.zeros(len(points), dtype=np.uint64)
     for column in range(3):
-        key ^= words[:, column]
+        key ^= words[:, column].astype(np.uint64)
         for shift, factor in zip((30, 27), _MIX, strict=True):
             key ^= key >> np.uint64(shift)
             key *= factor
