@@ -1,0 +1,78 @@
+"""What a sensor may be, and the two that ship with the tool."""
+
+import math
+
+import pytest
+
+from glvis.camera import Intrinsics
+from glvis.sensor import CATALOGUE, Sensor
+
+
+def sensor(**changes):
+    settings = {
+        "name": "test",
+        "intrinsics": Intrinsics.from_degrees(90, 60),
+        "resolution": (640, 480),
+        "min_distance": 100,
+        "max_distance": 500,
+        "max_incidence": math.radians(70),
+    }
+    return Sensor(**(settings | changes))
+
+
+def test_d415_is_the_one_of_table_3():
+    d415 = CATALOGUE["d415"]
+    assert math.degrees(d415.intrinsics.hfov) == pytest.approx(69.4 - 3)
+    assert math.degrees(d415.intrinsics.vfov) == pytest.approx(42.5 - 3)
+    assert d415.resolution == (1280, 720)
+    assert (d415.min_distance, d415.max_distance) == (160, 350)
+    assert math.degrees(d415.max_incidence) == pytest.approx(70)
+
+
+def test_kinect_v2_is_the_one_of_the_kitchen_study():
+    kinect = CATALOGUE["kinect-v2"]
+    assert math.degrees(kinect.intrinsics.hfov) == pytest.approx(70.6)
+    assert math.degrees(kinect.intrinsics.vfov) == pytest.approx(60)
+    assert kinect.resolution == (512, 424)
+    assert (kinect.min_distance, kinect.max_distance) == (500, 4500)
+    assert math.degrees(kinect.max_incidence) == pytest.approx(80)
+
+
+def test_catalogue_knows_each_sensor_by_its_name():
+    assert all(name == sensor.name for name, sensor in CATALOGUE.items())
+
+
+def test_min_distance_may_be_zero_and_incidence_goes_up_to_edge_on_by_default():
+    plain = Sensor("p", Intrinsics.from_degrees(90, 60), (1, 1), 0, 1)
+    assert plain.max_incidence == math.pi / 2
+
+
+def test_focal_length_in_pixels_makes_half_the_image_of_the_half_angle():
+    assert sensor().focal_pixels() == pytest.approx((320, 240 * math.sqrt(3)))
+    assert sensor().focal_pixels((64, 48)) == pytest.approx((32, 24 * math.sqrt(3)))
+
+
+@pytest.mark.parametrize(
+    ("near", "far"), [(-1, 5), (5, 5), (6, 5), (0, 0), (0, math.inf), (math.nan, 5), (0, math.nan)]
+)
+def test_distances_out_of_order_are_refused(near, far):
+    with pytest.raises(ValueError) as error:
+        sensor(min_distance=near, max_distance=far)
+    assert str(error.value) == (
+        f"min_distance = {near:g} and max_distance = {far:g} "
+        "must satisfy 0 <= min_distance < max_distance"
+    )
+
+
+@pytest.mark.parametrize("degrees", [0, -5, 91, math.nan])
+def test_incidence_limit_outside_0_to_90_is_refused(degrees):
+    with pytest.raises(ValueError) as error:
+        sensor(max_incidence=math.radians(degrees))
+    assert str(error.value) == f"max_incidence_deg = {degrees:g} must lie in (0, 90]"
+
+
+@pytest.mark.parametrize("resolution", [(0, 480), (640, -1)])
+def test_resolution_without_pixels_is_refused(resolution):
+    with pytest.raises(ValueError) as error:
+        sensor(resolution=resolution)
+    assert str(error.value) == f"resolution = {list(resolution)} must be at least [1, 1]"
