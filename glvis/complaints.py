@@ -1,0 +1,84 @@
+"""pydantic's complaints in one line of this project's words: key, what it got, what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+# pydantic's kinds of error in the words of this project; the rest keep pydantic's own.
+_WORDS = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be a text",
+    "bool_type": "must be true or false",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "finite_number": "must be finite",
+}
+
+
+def first_error(error: ValidationError, data: Mapping[str, Any]) -> str:
+    """Return the first of pydantic's complaints in one line: key, what it got, what is allowed.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Of ``StudyTable``.
+    data : dict
+        What was checked; mounts are named from it.
+    """
+    found = error.errors(include_url=False)[0]
+    where, key = located(found["loc"], data)
+    kind, got = found["type"], found["input"]
+    if kind == "missing":
+        return f"{where}'{key}' is missing"
+    context = found.get("ctx", {})
+    if kind == "value_error":
+        text = str(context["error"])
+        if isinstance(got, dict | BaseModel):  # the table as a whole
+            return f"{where}{key}: {text}" if key else f"{where}{text}"
+    elif kind == "literal_error":
+        text = f"must be {context['expected']}"
+    else:
+        text = _WORDS.get(kind, found["msg"])
+    return f"{where}{key} = {as_toml(got)} {text}"
+
+
+def located(loc: tuple[str | int, ...], data: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the header, as "[sensor.d415] ", and the key, as "resolution[0]", of a place."""
+    path = [part for part in loc if not str(part).startswith("<")]
+    header = ""
+    if path and path[0] == "mount" and len(path) > 1:
+        mount = data["mount"][path[1]]
+        name = mount.get("name") if isinstance(mount, dict) else None
+        label = f"'{name}'" if isinstance(name, str) else f"number {int(path[1]) + 1}"
+        header, path = f"[[mount]] {label} ", path[2:]
+    elif path and path[0] == "sensor" and len(path) > 1:
+        header, path = f"[sensor.{path[1]}] ", path[2:]
+    elif len(path) > 1 or (path and isinstance(data.get(str(path[0])), dict)):
+        header, path = f"[{path[0]}] ", path[1:]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    return header, key.lstrip(".")
+
+
+def as_toml(value: Any) -> str:
+    """Return a value as the file spells it, shortened where it is long."""
+    match value:
+        case bool():
+            text = str(value).lower()
+        case str():
+            text = f"'{value}'"
+        case list() | tuple():
+            text = f"[{', '.join(map(as_toml, value))}]"
+        case dict():
+            text = "{ " + ", ".join(f"{k} = {as_toml(v)}" for k, v in value.items()) + " }"
+        case _:
+            text = str(value)
+    text = " ".join(text.split())
+    return text if len(text) <= 80 else text[:77] + "..."
