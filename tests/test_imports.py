@@ -1,0 +1,126 @@
+"""The arrows between modules: each imports only from rows above its own, as this table says."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "glvis"
+
+# module: what it may import from glvis, all of it in rows above
+ARROWS = {
+    "errors": "",
+    "camera": "",
+    "objective": "",
+    "glsl": "",
+    "palette": "",
+    "box": "",
+    "expressions": "",
+    "meshfiles": "",
+    "complaints": "",
+    "swarm_options": "",
+    "sensor": "camera",
+    "scene": "meshfiles",
+    "layout": "expressions",
+    "mounts": "camera expressions layout",
+    "clusters": "scene",
+    "crops": "scene sensor",
+    "context": "errors",
+    "renderer": "camera clusters context errors glsl",
+    "visibility": "camera scene sensor clusters crops renderer",
+    "mapper": "camera scene sensor clusters crops context renderer visibility",
+    "swarm": "box swarm_options",
+    "schema": "camera expressions layout objective sensor swarm_options visibility",
+    "overrides": "errors expressions schema",
+    "study": "errors complaints expressions mounts objective overrides scene schema sensor"
+    " swarm_options visibility",
+    "evaluator": "camera scene sensor clusters context renderer visibility mapper objective study",
+    "placement": "errors objective swarm study evaluator visibility",
+    "result": "errors camera study visibility evaluator placement",
+    "shading": "camera scene context errors glsl renderer",
+    "pictures": "camera scene sensor objective palette shading study visibility result",
+    "viewer.page": "camera scene sensor palette study visibility result",
+    "cli": "errors scene study evaluator placement result pictures viewer.page",
+    "__main__": "cli",
+    # the public names
+    "__init__": "errors scene sensor study visibility evaluator placement result",
+}
+
+# foreign library: the only modules that may talk to it
+DOORS = {
+    "moderngl": "context renderer shading",
+    "glcontext": "context",
+    "trimesh": "scene",
+    "pyswarms": "swarm",
+    "pydantic": "schema complaints study",
+    "typer": "cli",
+    "embreex": "",  # the rival that tools/bench measures; never part of the product
+}
+
+MODULES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path.relative_to(PACKAGE).as_posix() != "viewer/__init__.py"
+}
+
+
+def imported(path: Path) -> set[str]:
+    """Return the dotted names that a module imports anywhere, ``glvis.`` in front of its own."""
+    names = set()
+    inside = ["glvis", *path.relative_to(PACKAGE).parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = inside[: len(inside) - node.level + 1] if node.level else []
+            source = ".".join([*base, *([node.module] if node.module else [])])
+            names.add(source)
+            # ``from glvis import camera`` means the module, if there is one
+            names.update(f"{source}.{alias.name}" for alias in node.names)
+    return names
+
+
+def own_modules(names: set[str]) -> set[str]:
+    """Return the modules of glvis among dotted names."""
+    short = {name.removeprefix("glvis.") for name in names if name.startswith("glvis.")}
+    return {name for name in short if name in MODULES}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_module_imports_only_what_the_table_allows(module):
+    assert module in ARROWS, f"add glvis/{module} to the table: what may it import?"
+    unasked = own_modules(imported(MODULES[module])) - set(ARROWS[module].split()) - {module}
+    assert not unasked, f"glvis/{module} imports {', '.join(sorted(unasked))}"
+
+
+@pytest.mark.parametrize("library", DOORS)
+def test_foreign_library_is_met_behind_its_own_door_only(library):
+    allowed = set(DOORS[library].split())
+    users = {
+        module
+        for module, path in MODULES.items()
+        if library in {name.split(".")[0] for name in imported(path)}
+    }
+    assert users <= allowed, f"{library} is for {allowed or 'nobody'}, not for {users - allowed}"
+
+
+def test_table_reads_downwards():
+    above: set[str] = set()
+    for module, allowed in ARROWS.items():
+        assert set(allowed.split()) <= above, f"{module} would import from a row below its own"
+        above.add(module)
+
+
+def test_reader_of_imports_knows_every_form(tmp_path, monkeypatch):
+    monkeypatch.setattr(f"{__name__}.PACKAGE", tmp_path)
+    (tmp_path / "viewer").mkdir()
+    source = tmp_path / "viewer" / "page.py"
+    source.write_text(
+        "import glvis.camera\nfrom glvis import scene\nfrom glvis.sensor import Sensor\n"
+        "from ..study import Study\nfrom .. import result\nfrom . import text\n"
+        "def later():\n    import pyswarms.backend\n"
+    )
+    names = imported(source)
+    for name in ("camera", "scene", "sensor", "study", "result", "viewer.text"):
+        assert f"glvis.{name}" in names
+    assert "pyswarms.backend" in names
