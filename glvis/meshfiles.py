@@ -1,13 +1,15 @@
 """Readers of the plain mesh formats: bytes in, triangles in the file's order out.
 
 STL is read here because scanners write it by the million faces and cut it short without a
-word; the rest comes through ``scene``. Nothing here judges a mesh: a reader only says what
-keeps the bytes from being one.
+word; OBJ and OFF because polygons must become triangles where they stand, and general readers
+sort them by number of corners and by material. The rest comes through ``scene``. Nothing here
+judges a mesh: a reader only says what keeps the bytes from being one.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,3 +78,80 @@ def _ascii_corners(text: bytes) -> NDArray[np.float64]:
         return np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(-1, 3, 3)
     except ValueError as error:
         raise ValueError(f"is broken: {error}") from None
+
+
+def read_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return vertices (V, 3) and faces (F, 3) of a Wavefront OBJ, groups and materials ignored.
+
+    Raises
+    ------
+    ValueError
+        If a line of a vertex or a face is none.
+    """
+    vertices: list[list[float]] = []
+    polygons: list[list[int]] = []
+    text = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ")
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words or words[0] not in ("v", "f"):
+            continue
+        try:
+            if words[0] == "v":
+                vertices.append([float(word) for word in words[1:4]])
+                if len(vertices[-1]) != 3:
+                    raise ValueError
+            else:
+                corners = [int(word.split("/", 1)[0]) for word in words[1:]]
+                # From 1, or backwards from the last vertex so far.
+                polygons.append([c - 1 if c > 0 else c + len(vertices) for c in corners])
+                if len(corners) < 3 or 0 in corners:
+                    raise ValueError
+        except ValueError:
+            raise ValueError(f"line {number} is broken: '{line.strip()[:60]}'") from None
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3), fans(polygons)
+
+
+def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return vertices (V, 3) and faces (F, 3) of an OFF file in text form.
+
+    Raises
+    ------
+    ValueError
+        If the file is no such OFF or holds less than it promises.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    lines = (line.split("#", 1)[0].split() for line in text.splitlines())
+    rows = [words for words in lines if words]
+    word = rows[0][0] if rows else ""
+    if not word.endswith("OFF") or word in ("4OFF", "nOFF") or "BINARY" in rows[0]:
+        raise ValueError("is no OFF in text form: it does not start with 'OFF'")
+    rows[0] = rows[0][1:]  # the numbers may stand beside the word
+    rows = [words for words in rows if words]
+    try:
+        n_vertices, n_faces = int(rows[0][0]), int(rows[0][1])
+    except (IndexError, ValueError):
+        raise ValueError("is a broken OFF: it does not say how many vertices and faces") from None
+    if len(rows) < 1 + n_vertices + n_faces:
+        raise ValueError(
+            f"is cut short: it promises {n_vertices} vertices and {n_faces} faces "
+            f"and holds {len(rows) - 1} lines"
+        )
+    try:
+        vertices = np.array([w[:3] for w in rows[1 : 1 + n_vertices]], dtype=np.float64)
+        faces = rows[1 + n_vertices : 1 + n_vertices + n_faces]
+        polygons = [[int(corner) for corner in w[1 : 1 + int(w[0])]] for w in faces]
+        if any(len(p) != int(w[0]) for p, w in zip(polygons, faces, strict=True)):
+            raise ValueError("a face has fewer corners than it promises")
+    except ValueError as error:
+        raise ValueError(f"is a broken OFF: {error}") from None
+    return vertices.reshape(-1, 3), fans(polygons)
+
+
+def fans(polygons: Sequence[Sequence[int]]) -> NDArray[np.int64]:
+    """Return triangles (F, 3) of polygons, each a fan about its first corner, in their order."""
+    triangles = [
+        (corners[0], corners[i], corners[i + 1])
+        for corners in polygons
+        for i in range(1, len(corners) - 1)
+    ]
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
