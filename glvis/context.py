@@ -121,7 +121,8 @@ def _with_library_names(make: Any, device_index: int) -> Any:
 
 def _osmesa_context() -> moderngl.Context:
     """Return an off-screen Mesa context; Mesa had OSMesa up to 25.0."""
-    context = moderngl.create_context(require=_GL_VERSION, context=_OSMesa())
+    native: Any = _OSMesa()
+    context = moderngl.create_context(require=_GL_VERSION, context=native)
     _probe(context)
     return context
 

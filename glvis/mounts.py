@@ -129,7 +129,7 @@ class Rig:
             raise ValueError(f"a position must have shape (P, {n}), got {position.shape}")
         if not np.isfinite(position).all():
             raise ValueError("a position must be finite")
-        flat = self._matrix.reshape(-1, n)
+        flat = self._matrix.reshape(math.prod(self._matrix.shape[:-1]), n)  # D may be 0
         numbers = (position @ flat.T).reshape(*position.shape[:-1], -1, ROWS) + self._constant
         place = self._places(numbers)
         direction = self._directions(numbers, place)

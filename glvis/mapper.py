@@ -1,0 +1,261 @@
+"""From poses to visibility maps: the steps of Sec. 2.1 in order, for one model.
+
+CropFOV and CropBack leave clusters of faces out of the draw; the draw's depth test is the ray
+tracing; the shader refuses by incidence and distance (CropNorm, CropNear); what is left in the
+ID buffer is the map. The criterion "centroid" draws depth alone and tests every face's centre
+against it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.clusters import Clusters
+from glvis.crops import (
+    CameraFaces,
+    crop_as_paper,
+    crop_centroids,
+    faces_sensor,
+    in_camera,
+    unhidden,
+)
+from glvis.renderer import (
+    Renderer,
+    Selection,
+    Surface,
+    Views,
+    depth_along_axis,
+    faces_in_images,
+)
+from glvis.scene import Model
+from glvis.sensor import Sensor
+from glvis.visibility import VisibilityOptions, render_resolution, takes_second_look
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# clip_near as a share of maxD: what is nearer to the eye than this hides nothing. The plane lies
+# farther out where the scene does, for the sake of the depth buffer.
+_CLIP_NEAR = 1e-3
+# A face hides a centre when it is nearer by this share of the mean edge: half an edge is less
+# than the step between two surfaces that matter and more than a curved neighbour's bulge.
+_TOLERANCE = 0.5
+# In the paper's semantics the image is widened to the centres of all faces that are left,
+# with a margin against rounding; wider than this tangent (87 degrees) no image is drawn.
+_MARGIN, _WIDEST = 1.001, 20.0
+
+
+class Mapper:
+    """Makes the visibility maps of one model.
+
+    Parameters
+    ----------
+    model : Model
+        What is counted.
+    obstacles : sequence of Surface
+        What only hides, on the GPU already; made with the same ``origin``.
+    options : VisibilityOptions
+        What counts as visible.
+    origin : (3,) float64
+        World point near the scene that float32 positions are relative to.
+    renderer_of : callable
+        Returns the renderer of a resolution (width, height).
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        obstacles: Sequence[Surface],
+        options: VisibilityOptions,
+        origin: Floats,
+        renderer_of: Callable[[tuple[int, int]], Renderer],
+    ) -> None:
+        self.model, self.options, self.origin = model, options, origin
+        self.surface = Surface(Clusters.of(model), origin, is_target=True)
+        self._obstacles = obstacles
+        self._renderer_of = renderer_of
+        boxes = np.stack([part.bounds for part in (model, *(o.clusters.model for o in obstacles))])
+        corner = np.array(list(np.ndindex(2, 2, 2)))
+        self._corners = boxes[:, corner, np.arange(3)].reshape(-1, 3)  # of all boxes, (8 B, 3)
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        self.surface.release()
+
+    def visible(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+        """Return which faces each pose of a sensor sees, (N, F) bool.
+
+        Parameters
+        ----------
+        camera_to_world : (N, 4, 4) float64
+            Poses.
+        sensor : Sensor
+            The model of all N.
+        """
+        if self.options.semantics == "paper":
+            return self._by_paper(camera_to_world, sensor)
+        if self.options.criterion == "centroid":
+            return self._by_centroid(camera_to_world, sensor)
+        return self._by_pixels(camera_to_world, sensor)
+
+    def _by_pixels(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+        """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
+        options = self.options
+        views = self._views(camera_to_world, sensor)
+        targets = self._facing(views, faces_only=options.occlusion == "paper")
+        renderer = self._renderer_of(render_resolution(options, sensor, self.model))
+        visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
+        candidates = self._facing(views, faces_only=True) if takes_second_look(options) else None
+        for first, images in renderer.id_images(
+            views,
+            [Selection(self.surface, targets), *self._hiding(views)],
+            origin=self.origin,
+            by_axis=options.incidence == "axis",
+            refused_hide=options.occlusion == "physical",
+        ):
+            n = len(images)
+            visible[first : first + n] = faces_in_images(
+                images, self.model.n_faces, options.min_pixels
+            )
+            if candidates is not None:
+                depths = renderer.last_depths(n)
+                self._look_again(visible, first, depths, views, candidates, sensor)
+        return visible
+
+    def _by_centroid(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+        """Return the faces whose centre passes every filter and is hidden by nothing."""
+        views = self._views(camera_to_world, sensor)
+        candidates = self._facing(views, faces_only=True)
+        if self.options.occlusion == "paper":
+            # what CropBack and CropNorm refuse is gone before anything is hidden
+            kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
+            for view, pose in enumerate(camera_to_world):
+                index = self.surface.clusters.faces_in(candidates[view])
+                faces = in_camera(self.model, index, pose)
+                kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
+            occluders = Selection(self.surface, kept, by_face=True)
+        else:
+            occluders = Selection(self.surface, self._facing(views))
+        visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
+        renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
+        for first, images in renderer.depth_images(
+            views, [occluders, *self._hiding(views)], origin=self.origin
+        ):
+            self._look_again(visible, first, images, views, candidates, sensor)
+        return visible
+
+    def _by_paper(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+        """Return the paper's own map: its filters, then one ray to each centre that is left."""
+        n = len(camera_to_world)
+        kept = np.zeros((n, self.model.n_faces), dtype=bool)
+        far_enough = np.zeros_like(kept)
+        tan_half = np.tile(sensor.intrinsics.tan_half, (n, 1))
+        clip_far = np.full(n, sensor.max_distance)
+        in_view = []
+        for view, pose in enumerate(camera_to_world):
+            kept[view], far_enough[view] = crop_as_paper(self.model, pose, sensor)
+            faces = in_camera(self.model, np.flatnonzero(kept[view]), pose)
+            in_view.append(faces)
+            # a face is kept for one vertex in the frustum: its centre may lie outside
+            reach = np.abs(faces.tangent).max(axis=0, initial=0) * _MARGIN
+            tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
+            clip_far[view] = max(clip_far[view], _MARGIN * faces.depth.max(initial=0))
+        views = self._views(camera_to_world, sensor, tan_half=tan_half, clip_far=clip_far)
+        renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
+        visible = np.zeros_like(kept)
+        for first, images in renderer.depth_images(
+            views,
+            [Selection(self.surface, kept, by_face=True), *self._hiding(views)],
+            origin=self.origin,
+        ):
+            for view, image in enumerate(images, start=first):
+                faces = in_view[view]
+                visible[view, faces.index] = self._free(faces, image, views, view)
+        return visible & far_enough
+
+    def _look_again(
+        self,
+        visible: Bools,
+        first: int,
+        depths: NDArray[np.float32],
+        views: Views,
+        candidates: Bools,
+        sensor: Sensor,
+    ) -> None:
+        """Mark, in place, further faces whose centre is free in view ``first`` and following."""
+        for view, depth in enumerate(depths, start=first):
+            index = self.surface.clusters.faces_in(candidates[view])
+            index = index[~visible[view, index]]
+            faces = in_camera(self.model, index, views.camera_to_world[view])
+            faces = faces[crop_centroids(faces, sensor, by_axis=self._by_axis)]
+            free = self._free(faces, depth, views, view)
+            visible[view, faces.index[free]] = True
+
+    def _free(
+        self, faces: CameraFaces, depth: NDArray[np.float32], views: Views, view: int
+    ) -> Bools:
+        """Return which centres nothing hides in one view, (n,) bool."""
+        return unhidden(
+            faces,
+            depth,
+            lambda d: depth_along_axis(d, views.clip_near[view], views.clip_far[view]),
+            views.tan_half[view],
+            _TOLERANCE * self.model.mean_edge,
+        )
+
+    @property
+    def _by_axis(self) -> bool:
+        return self.options.incidence == "axis"
+
+    def _views(
+        self,
+        camera_to_world: Floats,
+        sensor: Sensor,
+        *,
+        tan_half: Floats | None = None,
+        clip_far: Floats | None = None,
+    ) -> Views:
+        """Return what the renderer must know of some poses of a sensor."""
+        n = len(camera_to_world)
+        if tan_half is None:
+            tan_half = np.tile(sensor.intrinsics.tan_half, (n, 1))
+        if clip_far is None:
+            clip_far = np.full(n, sensor.max_distance)
+        backwards = camera_to_world[:, :3, 2]
+        eye = np.sum(backwards * camera_to_world[:, :3, 3], axis=1)
+        nearest = (eye[:, None] - backwards @ self._corners.T).min(axis=1)
+        return Views(
+            camera_to_world,
+            tan_half,
+            np.clip(0.99 * nearest, _CLIP_NEAR * clip_far, 0.5 * clip_far),
+            clip_far,
+            np.full(n, sensor.min_distance),
+            np.full(n, math.cos(sensor.max_incidence)),
+        )
+
+    def _facing(self, views: Views, *, faces_only: bool = False) -> Bools:
+        """Return the model's clusters to draw (or to consider), (N, C) bool.
+
+        Clusters that show only their back are left out where they hide nothing that is not
+        hidden anyway, or with ``faces_only``.
+        """
+        return _clusters_in_view(self.surface.clusters, views, faces_only)
+
+    def _hiding(self, views: Views) -> list[Selection]:
+        """Return what to draw of the obstacles."""
+        return [Selection(o, _clusters_in_view(o.clusters, views, False)) for o in self._obstacles]
+
+
+def _clusters_in_view(clusters: Clusters, views: Views, faces_only: bool) -> Bools:
+    planes = views.planes
+    chosen = clusters.in_frustum(planes)
+    if faces_only:
+        return chosen & clusters.may_face(views.eye)
+    unseen_backs = clusters.hides_back_faces(views.eye, planes)
+    if unseen_backs.any():
+        chosen &= clusters.may_face(views.eye) | ~unseen_backs[:, None]
+    return chosen

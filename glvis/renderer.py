@@ -1,0 +1,390 @@
+"""Draws surfaces into ID and depth buffers. Poses in; pixels a face, ID and depth images out.
+
+What is fast on a software rasteriser: few vertices in an order that keeps neighbours together
+(faces come sorted by cluster, and face i's last vertex is vertex i of the buffer, which also
+carries its ID), culled faces left out of the index buffer, and one small framebuffer that stays
+in the cache. On hardware many views share one tall framebuffer and one read-back; how many is
+``tiles``. Images are turned once, here: row 0 is the top row for everybody else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.camera import projection_matrix, rigid_inverse
+from glvis.clusters import Clusters
+from glvis.context import gl_context, gl_info
+from glvis.errors import MachineError
+from glvis.glsl import shader_source
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
+_VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """N cameras of one resolution, ready to draw.
+
+    Attributes
+    ----------
+    camera_to_world : (N, 4, 4) float64
+        Poses.
+    tan_half : (N, 2) float64
+        Tangents of the half opening angles.
+    clip_near, clip_far : (N,) float64
+        Clip planes; the far one is the sensor's maxD.
+    min_distance, min_cos : (N,) float64
+        Working range's near end, and the cosine of the largest incidence.
+    """
+
+    camera_to_world: Floats
+    tan_half: Floats
+    clip_near: Floats
+    clip_far: Floats
+    min_distance: Floats
+    min_cos: Floats
+
+    def __len__(self) -> int:
+        return len(self.camera_to_world)
+
+    @property
+    def eye(self) -> Floats:
+        """Optical centres in the world, (N, 3)."""
+        return self.camera_to_world[:, :3, 3]
+
+    @property
+    def planes(self) -> Floats:
+        """Inward unit planes of the frusta: left, right, bottom, top, far; (N, 5, 4)."""
+        planes = np.zeros((len(self), 5, 4))
+        for k in range(4):
+            axis, side = divmod(k, 2)
+            tan = self.tan_half[:, axis]
+            length = np.sqrt(1 + tan**2)
+            planes[:, k, axis] = (1 - 2 * side) / length  # x >= -tan depth, x <= tan depth
+            planes[:, k, 2] = -tan / length  # depth is -z
+        planes[:, 4, 2] = 1.0  # z >= -far
+        planes[:, 4, 3] = self.clip_far
+        return planes @ rigid_inverse(self.camera_to_world)
+
+
+class Surface:
+    """One model on the GPU: the vertices once, and room for the indices of a draw.
+
+    Parameters
+    ----------
+    clusters : Clusters
+        The model, its faces sorted.
+    origin : (3,) float64
+        World point that float32 positions are relative to.
+    is_target : bool
+        Whether faces are counted; the ID of an obstacle's faces is 0.
+    """
+
+    def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
+        context, programs = gl_context(), _programs()
+        self.clusters = clusters
+        vertices, indices = _provoking_layout(clusters, origin, is_target)
+        self._blocks = indices.reshape(len(clusters), -1)
+        self._vertices = context.buffer(vertices)
+        self._indices = context.buffer(reserve=max(indices.nbytes, 12), dynamic=True)
+        self.ids = context.vertex_array(
+            programs["id_buffer"],
+            [(self._vertices, "3f 1u 3f", "position", "face_id", "normal")],
+            self._indices,
+        )
+        self.depth = context.vertex_array(
+            programs["depth"], [(self._vertices, "3f 16x", "position")], self._indices
+        )
+        self._drawn = 0
+
+    def select(self, mask: Bools) -> None:
+        """Choose the clusters of the next draw, (C,) bool."""
+        chosen = self._blocks[mask]
+        self._drawn = chosen.size
+        if self._drawn:
+            self._indices.write(chosen)
+
+    def select_faces(self, is_chosen: Bools) -> None:
+        """Choose single faces of the next draw, (F,) bool by file index."""
+        chosen = self._blocks.reshape(-1, 3)[is_chosen[self.clusters.order]]
+        self._drawn = chosen.size
+        if self._drawn:
+            self._indices.write(chosen)
+
+    def draw(self, vertex_array: moderngl.VertexArray) -> None:
+        """Draw what was chosen."""
+        if self._drawn:
+            vertex_array.render(moderngl.TRIANGLES, vertices=self._drawn)
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for part in (self.ids, self.depth, self._indices, self._vertices):
+            part.release()
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What N views draw of a surface: its clusters (N, C) bool, or single faces (N, F) bool."""
+
+    surface: Surface
+    mask: Bools
+    by_face: bool = False
+
+    def draw(self, view: int, shows_ids: bool) -> None:
+        """Draw what one of the views has chosen."""
+        if self.by_face:
+            self.surface.select_faces(self.mask[view])
+        else:
+            self.surface.select(self.mask[view])
+        self.surface.draw(self.surface.ids if shows_ids else self.surface.depth)
+
+
+class Renderer:
+    """Framebuffers of one resolution and the two draws into them; a context manager.
+
+    Parameters
+    ----------
+    resolution : tuple of int
+        Pixels (width, height) of every view.
+    tiles : int, optional
+        Views that share a framebuffer and a read-back. One by default on a software
+        rasteriser, whose small framebuffer then stays in the cache; as many as are read back
+        well at once on hardware.
+    """
+
+    def __init__(self, resolution: tuple[int, int], tiles: int | None = None) -> None:
+        context = gl_context()
+        self.resolution = resolution
+        width, height = resolution
+        limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
+        if max(resolution) > limit:
+            raise MachineError(
+                f"resolution {width} x {height} exceeds this driver's limit of {limit} pixels"
+            )
+        if tiles is None:
+            fitting = max(1, _HARDWARE_BATCH_BYTES // (4 * width * height))
+            tiles = 1 if gl_info().is_software else fitting
+        self.tiles = min(tiles, limit // height)
+        size = (width, height * self.tiles)
+        self._id_texture = context.texture(size, 1, dtype="u4", alignment=4)
+        self._depth_texture = context.depth_texture(size, alignment=4)
+        self._framebuffer = context.framebuffer([self._id_texture], self._depth_texture)
+        self._depth_only = context.framebuffer([], self._depth_texture)
+        self._ids = np.zeros((self.tiles, height, width), dtype=np.uint32)
+        self._depths = np.zeros((self.tiles, height, width), dtype=np.float32)
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for part in (
+            self._framebuffer,
+            self._depth_only,
+            self._id_texture,
+            self._depth_texture,
+        ):
+            part.release()
+
+    def id_images(
+        self,
+        views: Views,
+        selections: Sequence[Selection],
+        *,
+        origin: Floats,
+        by_axis: bool = False,
+        refused_hide: bool = True,
+    ) -> Iterator[tuple[int, NDArray[np.uint32]]]:
+        """Yield ID images in batches: index of the first view, and (n, H, W) uint32.
+
+        A pixel holds the index + 1 of the nearest face, or 0 where there is none, the sensor
+        refuses it, or it belongs to an obstacle. The arrays are valid until the next batch.
+
+        Parameters
+        ----------
+        views : Views
+            N cameras of this renderer's resolution.
+        selections : sequence of Selection
+            What to draw of each surface.
+        origin : (3,) float64
+            As the surfaces were made with.
+        by_axis : bool
+            Measure the incidence by the optical axis instead of the true ray.
+        refused_hide : bool
+            Whether back and too oblique faces hide what lies behind them.
+        """
+        program = _programs()["id_buffer"]
+        program["by_axis"] = by_axis
+        program["refused_hide"] = refused_hide
+        for first, n in self._batches(views, selections, origin, program):
+            self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
+            yield first, self._ids[:n, ::-1]
+
+    def depth_images(
+        self, views: Views, selections: Sequence[Selection], *, origin: Floats
+    ) -> Iterator[tuple[int, NDArray[np.float32]]]:
+        """Yield depth buffers in batches: index of the first view, and (n, H, W) float32.
+
+        Values are OpenGL's, in [0, 1]; see ``depth_along_axis``. The arrays are valid until
+        the next batch.
+        """
+        for first, n in self._batches(views, selections, origin, _programs()["depth"]):
+            self._depth_only.read_into(
+                self._depths, attachment=-1, components=1, dtype="f4", alignment=4
+            )
+            yield first, self._depths[:n, ::-1]
+
+    def last_depths(self, n: int) -> NDArray[np.float32]:
+        """Return the depth buffers that belong to the ID images yielded last, (n, H, W)."""
+        self._framebuffer.read_into(
+            self._depths, attachment=-1, components=1, dtype="f4", alignment=4
+        )
+        return self._depths[:n, ::-1]
+
+    def _batches(
+        self,
+        views: Views,
+        selections: Sequence[Selection],
+        origin: Floats,
+        program: Any,
+    ) -> Iterator[tuple[int, int]]:
+        """Draw the views, ``tiles`` at a time; yield the first view and the number drawn."""
+        context = gl_context()
+        shows_ids = program is _programs()["id_buffer"]
+        framebuffer = self._framebuffer if shows_ids else self._depth_only
+        width, height = self.resolution
+        uniforms = _uniforms(views, self.resolution, self.tiles, origin)
+        for first in range(0, len(views), self.tiles):
+            # The full state, so that no draw depends on the one before.
+            context.enable_only(moderngl.DEPTH_TEST)
+            context.depth_func = "<"
+            context.front_face = "ccw"
+            framebuffer.use()
+            framebuffer.viewport = (0, 0, width, height * self.tiles)
+            framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+            n = min(self.tiles, len(views) - first)
+            for tile in range(n):
+                view = first + tile
+                if self.tiles > 1:
+                    framebuffer.viewport = (0, tile * height, width, height)
+                program["world_to_clip"].write(uniforms.world_to_clip[view])
+                if shows_ids:
+                    program["eye"].write(uniforms.eye[view])
+                    program["backwards"].write(uniforms.backwards[view])
+                    program["pixel_to_tangent"].write(uniforms.pixel_to_tangent[view])
+                    program["min_cos"] = uniforms.min_cos[view]
+                    program["min_distance"] = uniforms.min_distance[view]
+                for selection in selections:
+                    selection.draw(view, shows_ids)
+            yield first, n
+
+
+def faces_in_images(images: NDArray[np.uint32], n_faces: int, min_pixels: int = 1) -> Bools:
+    """Return which faces show in at least ``min_pixels`` pixels of ID images, (n, F) bool."""
+    seen = np.zeros((len(images), n_faces + 1), dtype=bool)
+    for flags, image in zip(seen, images, strict=True):
+        ids = image[::-1].ravel()  # as the GPU left it: no copy, and no matter here
+        if min_pixels == 1:
+            flags[ids] = True
+        else:
+            flags[:] = np.bincount(ids, minlength=n_faces + 1) >= min_pixels
+    return seen[:, 1:]
+
+
+def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Floats:
+    """Return distances along the optical axis, scene unit, for depth buffer values [0, 1]."""
+    return 2 * far * near / (far + near - (2 * depth.astype(np.float64) - 1) * (far - near))
+
+
+@dataclass(frozen=True, eq=False)
+class _Uniforms:
+    """What the shaders ask for, by view, as the float32 rows that are written."""
+
+    world_to_clip: NDArray[np.float32]  # (N, 4, 4), columns first as GLSL reads them
+    eye: NDArray[np.float32]
+    backwards: NDArray[np.float32]
+    pixel_to_tangent: NDArray[np.float32]
+    min_cos: list[float]
+    min_distance: list[float]
+
+
+def _uniforms(views: Views, resolution: tuple[int, int], tiles: int, origin: Floats) -> _Uniforms:
+    """Return the uniforms of all views; the matrices are multiplied in float64."""
+    pose = views.camera_to_world.copy()
+    pose[:, :3, 3] -= origin
+    projection = projection_matrix(views.tan_half, views.clip_near, views.clip_far)
+    world_to_clip = projection @ rigid_inverse(pose)
+    scale = 2 * views.tan_half / np.asarray(resolution)
+    offset = -views.tan_half
+    # gl_FragCoord counts from the bottom of the framebuffer, not of the tile
+    offset[:, 1] -= scale[:, 1] * resolution[1] * (np.arange(len(views)) % tiles)
+    return _Uniforms(
+        np.ascontiguousarray(np.swapaxes(world_to_clip, 1, 2), dtype=np.float32),
+        np.ascontiguousarray(pose[:, :3, 3], dtype=np.float32),
+        np.ascontiguousarray(pose[:, :3, 2], dtype=np.float32),
+        np.concatenate([scale, offset], axis=1).astype(np.float32),
+        views.min_cos.tolist(),
+        views.min_distance.tolist(),
+    )
+
+
+def _provoking_layout(
+    clusters: Clusters, origin: Floats, is_target: bool
+) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
+    """Return vertices and (F', 3) indices in which vertex i is the last one of face i.
+
+    OpenGL takes flat attributes from the last vertex of a triangle, so vertex i may carry what
+    belongs to face i and still serve its neighbours as a mere position: about one vertex a
+    face instead of three, and neighbours lie side by side.
+    """
+    model = clusters.model
+    faces = model.faces[clusters.order]
+    n = len(faces)
+    serves = np.full(len(model.vertices), -1, dtype=np.int64)
+    serves[faces[:, 2]] = np.arange(n)
+    used = np.zeros(len(model.vertices), dtype=bool)
+    used[faces[:, :2]] = True
+    extra = np.flatnonzero(used & (serves < 0))  # never the last vertex of a face
+    serves[extra] = n + np.arange(len(extra))
+    vertices = np.zeros(n + len(extra), dtype=_VERTEX)
+    vertices["position"][:n] = model.vertices[faces[:, 2]] - origin
+    vertices["position"][n:] = model.vertices[extra] - origin
+    if is_target:
+        vertices["face_id"][:n] = clusters.order + 1
+        vertices["normal"][:n] = model.normals[clusters.order]
+    indices = np.zeros((n, 3), dtype=np.uint32)
+    indices[:, :2] = serves[faces[:, :2]]
+    indices[:, 2] = np.arange(n)
+    return vertices, indices
+
+
+@cache
+def _programs() -> dict[str, Any]:
+    """Return the compiled programs by the name of their files."""
+    return {name: _program(name) for name in ("id_buffer", "depth")}
+
+
+def _program(name: str) -> Any:
+    try:
+        return gl_context().program(
+            vertex_shader=shader_source(f"{name}.vert.glsl"),
+            fragment_shader=shader_source(f"{name}.frag.glsl"),
+        )
+    except moderngl.Error as error:
+        info = gl_info()
+        raise MachineError(
+            f"shaders/{name}.*.glsl did not compile on {info.renderer} ({info.version}): {error}"
+        ) from error
