@@ -6,6 +6,7 @@ are indexed by them. The only module that talks to trimesh.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -208,30 +209,35 @@ def load_model(path: str | Path, scale: float = 1.0) -> Model:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if not path.exists():
-        raise ValueError("does not exist")
-    if not path.is_file():
-        raise ValueError("is not a file")
-    if suffix not in SUFFIXES:
-        known = ", ".join(SUFFIXES)
-        raise ValueError(f"has the suffix '{path.suffix}'; meshes can be read from {known}")
     try:
+        if not path.exists():
+            raise ValueError("does not exist")
+        if not path.is_file():
+            raise ValueError("is not a file")
+        if suffix not in SUFFIXES:
+            known = ", ".join(SUFFIXES)
+            raise ValueError(f"has the suffix '{path.suffix}'; meshes can be read from {known}")
         if path.stat().st_size == 0:
             raise ValueError("is empty")
-        if suffix == ".stl":
-            corners = read_stl(path)
-            vertices = corners.reshape(-1, 3)
-            faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-        elif suffix in _READERS:
-            vertices, faces = _READERS[suffix](path)
-        else:
-            vertices, faces = _read_by_trimesh(path)
+        vertices, faces = _READERS.get(suffix, _read_by_trimesh)(path)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from error
+    except MemoryError:
+        raise ValueError("is larger than the memory of this machine") from None
     return Model.from_arrays(path.stem, vertices, faces, path=path, scale=scale)
 
 
-_READERS = {".obj": read_obj, ".off": read_off}
+def _read_stl(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the corners of an STL as vertices, three a face."""
+    vertices = read_stl(path).reshape(-1, 3)
+    return vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+
+
+_READERS: dict[str, Callable[[Path], tuple[NDArray[Any], NDArray[Any]]]] = {
+    ".stl": _read_stl,
+    ".obj": read_obj,
+    ".off": read_off,
+}
 
 
 def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -340,7 +346,8 @@ def _first_of_each(points: NDArray[Any]) -> NDArray[np.int32]:
     bits = max(4, len(points).bit_length())
     table = np.zeros(1 << bits, dtype=np.int32)
     first = np.zeros(len(points), dtype=np.int32)
-    left, left_points, turn = np.arange(len(points), dtype=np.int32), points, 0
+    left: NDArray[np.int32] = np.arange(len(points), dtype=np.int32)
+    left_points, turn = points, 0
     while len(left):
         slot = _hashes(left_points, turn, bits)
         table[slot[::-1]] = left[::-1]  # of many that write, the last one stays

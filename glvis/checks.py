@@ -1,0 +1,106 @@
+"""What a study allows and the user will regret: wrong units, broken windings, blind sensors.
+
+Sentences only; nothing here stops a run.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from glvis.camera import rigid_inverse
+from glvis.mounts import Array
+from glvis.scene import Model
+from glvis.study import Study
+
+_SAMPLE = 20_000  # vertices a model, enough to say where it lies
+# Sizes of a model, in longest working ranges, beyond which the unit is in doubt.
+_TINY, _HUGE = 0.05, 50.0
+
+
+def study_warnings(study: Study) -> list[str]:
+    """Return what will disappoint, one sentence each; an empty list is good news."""
+    poses = study.rig.poses(study.rig.start)
+    warnings: list[str] = []
+    for model in study.models:
+        warnings += _surface(model, poses) + _distance(model, poses, study)
+    return warnings + _blind(poses, study)
+
+
+def _surface(model: Model, poses: Array) -> list[str]:
+    """Return what is wrong with the faces of a model themselves."""
+    found = []
+    without_area = int(np.count_nonzero(model.areas == 0))
+    if without_area:
+        found.append(
+            f"{model.name}: {without_area} of {model.n_faces} faces have no area; "
+            "they are counted and can never be seen"
+        )
+    if not model.is_consistent:
+        found.append(
+            f"{model.name}: two faces walk {model.inconsistent_edges} edges in the same direction; "
+            "some normals point inwards and their faces count as seen from behind"
+        )
+    elif model.is_closed and _volume(model) < 0:
+        low, high = model.bounds
+        places = poses[:, :3, 3]
+        if not ((places > low) & (places < high)).all(axis=1).any():  # a room is seen from inside
+            found.append(
+                f"{model.name}: its normals point inwards; from outside no face can be seen"
+            )
+    return found
+
+
+def _distance(model: Model, poses: Array, study: Study) -> list[str]:
+    """Return whether the size or the distance of a model speaks for another unit."""
+    reach = max(sensor.max_distance for sensor in study.sensors)
+    size = float(np.linalg.norm(model.bounds[1] - model.bounds[0]))
+    doubt = f"is unit = '{study.unit}' right?"
+    if not _TINY * reach <= size <= _HUGE * reach:
+        return [
+            f"{model.name}: is {size:.3g} {study.unit} across, the sensors reach {reach:.3g} "
+            f"{study.unit}; {doubt}"
+        ]
+    depths = -_in_cameras(model, poses)[..., 2]
+    nearest = np.array([sensor.min_distance for sensor in study.sensors])
+    farthest = np.array([sensor.max_distance for sensor in study.sensors])
+    if (depths > farthest[:, None]).all():
+        return [
+            f"{model.name}: at the start all of it lies beyond max_distance of every sensor "
+            f"(nearest depth {depths.min():.4g} {study.unit}); {doubt}"
+        ]
+    if ((depths >= 0) & (depths < nearest[:, None])).all():
+        return [
+            f"{model.name}: at the start all of it lies nearer than min_distance of every sensor "
+            f"(largest depth {depths.max():.4g} {study.unit}); {doubt}"
+        ]
+    return []
+
+
+def _blind(poses: Array, study: Study) -> list[str]:
+    """Return the sensors that have nothing in view and range at the start."""
+    is_blind = np.ones(len(poses), dtype=bool)
+    for model in study.models:
+        points = _in_cameras(model, poses)
+        for index, sensor in enumerate(study.sensors):
+            depth = -points[index, :, 2]
+            in_range = (depth > 0) & (depth >= sensor.min_distance) & (depth <= sensor.max_distance)
+            edge = sensor.intrinsics.tan_half * depth[:, None]
+            in_view = (np.abs(points[index, :, :2]) <= edge).all(axis=1)
+            is_blind[index] &= not (in_range & in_view).any()
+    if is_blind.all():
+        return ["at the start no sensor has any part of a model in view and range"]
+    blind = [name for name, alone in zip(study.sensor_names, is_blind, strict=True) if alone]
+    return [f"{name}: has no part of a model in view and range at the start" for name in blind]
+
+
+def _in_cameras(model: Model, poses: Array) -> Array:
+    """Return some vertices of a model in every camera's frame, (S, N, 3)."""
+    points = model.vertices[:: -(-len(model.vertices) // _SAMPLE)]
+    to_camera = rigid_inverse(poses)
+    return np.asarray(points @ np.swapaxes(to_camera[:, :3, :3], 1, 2) + to_camera[:, None, :3, 3])
+
+
+def _volume(model: Model) -> float:
+    """Return the volume inside a closed model, negative where its normals point inwards."""
+    from_middle = model.centroids - model.bounds.mean(axis=0)
+    return float(np.einsum("ij,ij,i->", from_middle, model.normals, model.areas)) / 3
