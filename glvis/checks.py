@@ -22,8 +22,8 @@ def study_warnings(study: Study) -> list[str]:
     poses = study.rig.poses(study.rig.start)
     warnings: list[str] = []
     for model in study.models:
-        warnings += _surface(model, poses) + _distance(model, poses, study)
-    return warnings + _blind(poses, study)
+        warnings += [*_surface(model, poses), _distance(model, poses, study)]
+    return [*filter(None, warnings), *_blind(poses, study)]
 
 
 def _surface(model: Model, poses: Array) -> list[str]:
@@ -50,30 +50,30 @@ def _surface(model: Model, poses: Array) -> list[str]:
     return found
 
 
-def _distance(model: Model, poses: Array, study: Study) -> list[str]:
-    """Return whether the size or the distance of a model speaks for another unit."""
+def _distance(model: Model, poses: Array, study: Study) -> str:
+    """Return what in the size or distance of a model speaks for another unit, or ""."""
     reach = max(sensor.max_distance for sensor in study.sensors)
     size = float(np.linalg.norm(model.bounds[1] - model.bounds[0]))
     doubt = f"is unit = '{study.unit}' right?"
     if not _TINY * reach <= size <= _HUGE * reach:
-        return [
+        return (
             f"{model.name}: is {size:.3g} {study.unit} across, the sensors reach {reach:.3g} "
             f"{study.unit}; {doubt}"
-        ]
+        )
     depths = -_in_cameras(model, poses)[..., 2]
     nearest = np.array([sensor.min_distance for sensor in study.sensors])
     farthest = np.array([sensor.max_distance for sensor in study.sensors])
     if (depths > farthest[:, None]).all():
-        return [
+        return (
             f"{model.name}: at the start all of it lies beyond max_distance of every sensor "
             f"(nearest depth {depths.min():.4g} {study.unit}); {doubt}"
-        ]
+        )
     if ((depths >= 0) & (depths < nearest[:, None])).all():
-        return [
+        return (
             f"{model.name}: at the start all of it lies nearer than min_distance of every sensor "
             f"(largest depth {depths.max():.4g} {study.unit}); {doubt}"
-        ]
-    return []
+        )
+    return ""
 
 
 def _blind(poses: Array, study: Study) -> list[str]:
