@@ -106,13 +106,13 @@ class Mapper:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
         options = self.options
         views = self._views(camera_to_world, sensor)
-        targets = self._facing(views, faces_only=options.occlusion == "paper")
+        targets = _selection(self.surface, views, faces_only=options.occlusion == "paper")
         renderer = self._renderer_of(render_resolution(options, sensor, self.model))
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        candidates = self._facing(views, faces_only=True) if takes_second_look(options) else None
+        candidates = self._facing(views) if takes_second_look(options) else None
         for first, images in renderer.id_images(
             views,
-            [Selection(self.surface, targets), *self._hiding(views)],
+            [targets, *self._hiding(views)],
             origin=self.origin,
             by_axis=options.incidence == "axis",
             refused_hide=options.occlusion == "physical",
@@ -129,7 +129,7 @@ class Mapper:
     def _by_centroid(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
         """Return the faces whose centre passes every filter and is hidden by nothing."""
         views = self._views(camera_to_world, sensor)
-        candidates = self._facing(views, faces_only=True)
+        candidates = self._facing(views)
         if self.options.occlusion == "paper":
             # what CropBack and CropNorm refuse is gone before anything is hidden
             kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
@@ -137,9 +137,9 @@ class Mapper:
                 index = self.surface.clusters.faces_in(candidates[view])
                 faces = in_camera(self.model, index, pose)
                 kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
-            occluders = Selection(self.surface, kept, by_face=True)
+            occluders = _selection_of_faces(self.surface, kept)
         else:
-            occluders = Selection(self.surface, self._facing(views))
+            occluders = _selection(self.surface, views)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
         for first, images in renderer.depth_images(
@@ -169,7 +169,7 @@ class Mapper:
         visible = np.zeros_like(kept)
         for first, images in renderer.depth_images(
             views,
-            [Selection(self.surface, kept, by_face=True), *self._hiding(views)],
+            [_selection_of_faces(self.surface, kept), *self._hiding(views)],
             origin=self.origin,
         ):
             for view, image in enumerate(images, start=first):
@@ -237,25 +237,32 @@ class Mapper:
             np.full(n, math.cos(sensor.max_incidence)),
         )
 
-    def _facing(self, views: Views, *, faces_only: bool = False) -> Bools:
-        """Return the model's clusters to draw (or to consider), (N, C) bool.
-
-        Clusters that show only their back are left out where they hide nothing that is not
-        hidden anyway, or with ``faces_only``.
-        """
-        return _clusters_in_view(self.surface.clusters, views, faces_only)
+    def _facing(self, views: Views) -> Bools:
+        """Return the model's clusters in view with a face towards the eye, (N, C) bool."""
+        clusters = self.surface.clusters
+        return clusters.in_frustum(views.planes) & clusters.may_face(views.eye)
 
     def _hiding(self, views: Views) -> list[Selection]:
         """Return what to draw of the obstacles."""
-        return [Selection(o, _clusters_in_view(o.clusters, views, False)) for o in self._obstacles]
+        return [_selection(obstacle, views) for obstacle in self._obstacles]
 
 
-def _clusters_in_view(clusters: Clusters, views: Views, faces_only: bool) -> Bools:
-    planes = views.planes
-    chosen = clusters.in_frustum(planes)
+def _selection(surface: Surface, views: Views, *, faces_only: bool = False) -> Selection:
+    """Return what views draw of a surface: what is in their frusta and can matter.
+
+    Backs are left out where they hide nothing that is not hidden anyway, or ``faces_only``.
+    """
+    clusters, planes = surface.clusters, views.planes
+    mask = clusters.in_frustum(planes)
     if faces_only:
-        return chosen & clusters.may_face(views.eye)
-    unseen_backs = clusters.hides_back_faces(views.eye, planes)
-    if unseen_backs.any():
-        chosen &= clusters.may_face(views.eye) | ~unseen_backs[:, None]
-    return chosen
+        cull_backs = np.ones(len(views), dtype=bool)
+    else:
+        cull_backs = clusters.hides_back_faces(views.eye, planes)
+    if cull_backs.any():
+        mask &= clusters.may_face(views.eye) | ~cull_backs[:, None]
+    return Selection(surface, mask, cull_backs)
+
+
+def _selection_of_faces(surface: Surface, mask: Bools) -> Selection:
+    """Return the draw of single faces (N, F) bool, both their sides."""
+    return Selection(surface, mask, np.zeros(len(mask), dtype=bool), by_face=True)

@@ -134,10 +134,23 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What N views draw of a surface: its clusters (N, C) bool, or single faces (N, F) bool."""
+    """What N views draw of a surface.
+
+    Attributes
+    ----------
+    surface : Surface
+        Of which model.
+    mask : (N, C) or (N, F) bool
+        Clusters to draw, or single faces where ``by_face``.
+    cull_backs : (N,) bool
+        In which views back faces are left out one by one too.
+    by_face : bool
+        How to read ``mask``.
+    """
 
     surface: Surface
     mask: Bools
+    cull_backs: Bools
     by_face: bool = False
 
     def draw(self, view: int, shows_ids: bool) -> None:
@@ -146,6 +159,11 @@ class Selection:
             self.surface.select_faces(self.mask[view])
         else:
             self.surface.select(self.mask[view])
+        context = gl_context()
+        if self.cull_backs[view]:
+            context.enable(moderngl.CULL_FACE)
+        else:
+            context.disable(moderngl.CULL_FACE)
         self.surface.draw(self.surface.ids if shows_ids else self.surface.depth)
 
 
@@ -271,7 +289,7 @@ class Renderer:
             # The full state, so that no draw depends on the one before.
             context.enable_only(moderngl.DEPTH_TEST)
             context.depth_func = "<"
-            context.front_face = "ccw"
+            context.front_face, context.cull_face = "ccw", "back"
             framebuffer.use()
             framebuffer.viewport = (0, 0, width, height * self.tiles)
             framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
