@@ -76,8 +76,17 @@ def _ascii_corners(text: bytes) -> NDArray[np.float64]:
         raise ValueError(f"is broken: {opened} facets have {len(rows)} vertices")
     try:
         return np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(-1, 3, 3)
-    except ValueError as error:
-        raise ValueError(f"is broken: {error}") from None
+    except ValueError:
+        word = next(word for row in rows for word in row if not _is_number(word))
+        raise ValueError(f"is broken: '{word.decode(errors='replace')}' is no number") from None
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def read_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -315,7 +315,9 @@ def _check_sane(vertices: NDArray[Any], faces: NDArray[Any], limit: float) -> No
     if len(bad):
         face = bad[0]
         point = ", ".join(f"{value:g}" for value in vertices[faces[face][is_bad[face]][0]])
-        raise ValueError(f"has {len(bad)} faces with impossible vertices: face {face} at ({point})")
+        raise ValueError(
+            f"has impossible vertices in {len(bad)} of {len(faces)} faces: face {face} at ({point})"
+        )
 
 
 def _merged(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int32]]:

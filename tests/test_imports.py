@@ -34,6 +34,7 @@ ARROWS = {
     "overrides": "errors expressions schema",
     "study": "errors complaints expressions mounts objective overrides scene schema sensor"
     " swarm_options visibility",
+    "checks": "camera mounts scene study",
     "evaluator": "camera scene sensor clusters context renderer visibility mapper objective study",
     "placement": "errors objective swarm study evaluator visibility",
     "result": "errors camera study visibility evaluator placement",
