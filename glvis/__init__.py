@@ -1,3 +1,44 @@
 """glvis finds where to put cameras and depth sensors, and proves what each of them sees."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from glvis.errors import MachineError, StudyError
+    from glvis.evaluator import Evaluator
+    from glvis.placement import Placement, evaluate_poses, place_sensors
+    from glvis.study import Study, load_study
+    from glvis.visibility import VisibilityMap
+
 __version__ = "0.1.0"
+__all__ = [
+    "Evaluator",
+    "MachineError",
+    "Placement",
+    "Study",
+    "StudyError",
+    "VisibilityMap",
+    "__version__",
+    "evaluate_poses",
+    "load_study",
+    "place_sensors",
+]
+
+# Where the public names live; imported when first asked for, as ``--help`` needs none of them.
+_HOMES = {
+    "Evaluator": "evaluator",
+    "MachineError": "errors",
+    "Placement": "placement",
+    "Study": "study",
+    "StudyError": "errors",
+    "VisibilityMap": "visibility",
+    "evaluate_poses": "placement",
+    "load_study": "study",
+    "place_sensors": "placement",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'glvis' has no attribute '{name}'")
+    return getattr(import_module(f"glvis.{_HOMES[name]}"), name)

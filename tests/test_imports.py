@@ -36,7 +36,7 @@ ARROWS = {
     " swarm_options visibility",
     "checks": "camera mounts scene study",
     "evaluator": "camera scene sensor clusters context renderer visibility mapper objective study",
-    "placement": "errors objective swarm study evaluator visibility",
+    "placement": "errors objective swarm study context evaluator visibility",
     "result": "errors camera study visibility evaluator placement",
     "shading": "camera scene context errors glsl renderer",
     "pictures": "camera scene sensor objective palette shading study visibility result",
