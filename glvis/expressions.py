@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import graphlib
 import keyword
 import math
 import unicodedata
@@ -59,7 +60,7 @@ def parse_linear(text: str) -> Linear:
         If the text is no expression or is not linear.
     """
     if len(text) > _LONGEST:
-        raise ValueError(f"the expression has {len(text)} characters, more than {_LONGEST}")
+        raise ValueError(f"has {len(text)} characters, more than {_LONGEST}")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         linear = _linear(tree)
@@ -98,39 +99,37 @@ def substituted(expression: Linear, definitions: Mapping[str, Linear]) -> Linear
     return total
 
 
-def resolved(definitions: Mapping[str, Linear]) -> dict[str, Linear]:
-    """Return definitions in terms of the names that are defined as themselves only.
+def resolved(free: Iterable[str], named: Mapping[str, Linear]) -> dict[str, Linear]:
+    """Return every name in terms of the free ones, which are themselves.
+
+    Parameters
+    ----------
+    free : iterable of str
+        Names that no expression defines.
+    named : dict of str to Linear
+        Names that stand for an expression; each may use any of the others.
 
     Raises
     ------
     ValueError
         If definitions go round in a circle, or use an unknown name.
     """
-    done: dict[str, Linear] = {}
-    path: list[str] = []
-
-    def visit(name: str) -> None:
-        if name in path:
-            circle = " -> ".join([*path[path.index(name) :], name])
-            raise ValueError(f"{name} = '{definitions[name].text}' is cyclic: {circle}")
-        if name in done:
-            return
-        definition = definitions[name]
-        if definition.coefficients == {name: 1.0}:  # free: defined as itself
-            done[name] = definition
-            return
-        path.append(name)
-        for used in definition.coefficients:
-            if used in definitions:
-                visit(used)
-        path.pop()
+    done = {name: Linear(0.0, {name: 1.0}) for name in free}
+    uses = {
+        name: [used for used in linear.coefficients if used in named]
+        for name, linear in named.items()
+    }
+    try:
+        order = list(graphlib.TopologicalSorter(uses).static_order())
+    except graphlib.CycleError as error:
+        circle = error.args[1][::-1]  # from a name to what it uses
+        text = named[circle[0]].text
+        raise ValueError(f"{circle[0]} = '{text}' is cyclic: {' -> '.join(circle)}") from None
+    for name in order:
         try:
-            done[name] = substituted(definition, done)
+            done[name] = substituted(named[name], done)
         except ValueError as error:
-            raise ValueError(f"{name} = '{definition.text}': {error}") from None
-
-    for name in definitions:
-        visit(name)
+            raise ValueError(f"{name} = '{named[name].text}': {error}") from None
     return done
 
 

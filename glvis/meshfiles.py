@@ -68,9 +68,11 @@ def _binary_corners(path: Path, n_faces: int) -> NDArray[np.float32]:
 def _ascii_corners(text: bytes) -> NDArray[np.float64]:
     """Return (F, 3, 3) float64 of an ASCII STL, all its solids one after the other."""
     text = text.lower()
-    opened, closed = len(re.findall(rb"\bfacet\b", text)), text.count(b"endfacet")
+    opened, closed = len(re.findall(rb"\bfacet\s+normal\b", text)), text.count(b"endfacet")
     rows = _ASCII_VERTEX.findall(text)
-    if b"endsolid" not in text or opened != closed:
+    if b"endsolid" not in text:
+        raise ValueError("is cut short: an ASCII STL ends with 'endsolid'")
+    if opened != closed:
         raise ValueError(f"is cut short: {closed} of {opened} facets end, as an ASCII STL must")
     if len(rows) != 3 * opened:
         raise ValueError(f"is broken: {opened} facets have {len(rows)} vertices")

@@ -234,20 +234,18 @@ def _definitions(
 ) -> tuple[dict[str, Free], dict[str, Linear]]:
     """Return what is free, in the order of columns, and every name in terms of it."""
     free: dict[str, Free] = {}
-    raw: dict[str, Linear] = {}
+    named: dict[str, Linear] = {}
     for given, parameter in variables.items():
         name = plain_name(given)
-        if name in raw:
+        if name in free or name in named:
             raise ValueError(f"the variable '{name}' is there twice")
         if isinstance(parameter, Free):
             free[name] = parameter
-        raw[name] = _as_linear(name, parameter)
+        else:
+            named[name] = _as_linear(name, parameter)
     for mount in mounts:
-        for _, place, parameter in mount.numbers():
-            if isinstance(parameter, Free):
-                free[place] = parameter
-                raw[place] = _as_linear(place, parameter)
-    return free, resolved(raw)
+        free |= {place: p for _, place, p in mount.numbers() if isinstance(p, Free)}
+    return free, resolved(free, named)
 
 
 def _as_linear(name: str, parameter: Parameter) -> Linear:

@@ -181,7 +181,7 @@ def test_binary_stl_comes_back_face_by_face(saved):
 
 def test_ascii_stl_comes_back_face_by_face_in_full_precision(saved):
     sphere = icosphere(1)
-    text = ascii_stl(corners(sphere)[:30]) + ascii_stl(corners(sphere)[30:], "second solid")
+    text = ascii_stl(corners(sphere)[:30]) + ascii_stl(corners(sphere)[30:], "a second facet")
     found = saved("ball.stl", text)
     np.testing.assert_array_equal(found.vertices[found.faces], corners(sphere))
     shouted = saved("loud.STL", text.upper().replace("\n", "\r\n"))
@@ -366,7 +366,12 @@ FLAT_STL = np.zeros((4, 3, 3))
         (
             "a.stl",
             ascii_stl(corners(cube()))[:900],
-            "is cut short: 8 of 9 facets end, as an ASCII STL must",
+            "is cut short: an ASCII STL ends with 'endsolid'",
+        ),
+        (
+            "a.stl",
+            ascii_stl(corners(cube())).replace("endfacet", "", 1),
+            "is cut short: 11 of 12 facets end, as an ASCII STL must",
         ),
         (
             "a.stl",
