@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh  # noqa: TID251
 from numpy.typing import ArrayLike, NDArray
 
 from glvis.meshfiles import fans, read_obj, read_off, read_stl
@@ -242,6 +241,9 @@ _READERS: dict[str, Callable[[Path], tuple[NDArray[Any], NDArray[Any]]]] = {
 
 def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return vertices and faces of every geometry of a file, placed by its transforms."""
+    # half a second to import, and STL, OBJ and OFF do without
+    import trimesh  # noqa: TID251
+
     kind = path.suffix[1:].upper()
     try:
         loaded = trimesh.load_scene(
