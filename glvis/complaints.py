@@ -37,7 +37,8 @@ def first_error(error: ValidationError, data: Mapping[str, Any]) -> str:
     where, key = located(found["loc"], data)
     kind, got = found["type"], found["input"]
     if kind == "missing":
-        return f"{where}'{key}' is missing"
+        table = {"scene": "[scene]", "mount": "[[mount]]"}.get(key)
+        return f"{table} is missing" if table and not where else f"{where}'{key}' is missing"
     context = found.get("ctx", {})
     if kind == "value_error":
         text = str(context["error"])
@@ -47,6 +48,8 @@ def first_error(error: ValidationError, data: Mapping[str, Any]) -> str:
         text = f"must be {context['expected']}"
     else:
         text = _WORDS.get(kind, found["msg"])
+    if not key:
+        return f"{where}{text}, got {as_toml(got)}"
     return f"{where}{key} = {as_toml(got)} {text}"
 
 
@@ -54,15 +57,16 @@ def located(loc: tuple[str | int, ...], data: Mapping[str, Any]) -> tuple[str, s
     """Return the header, as "[sensor.d415] ", and the key, as "resolution[0]", of a place."""
     path = [part for part in loc if not str(part).startswith("<")]
     header = ""
-    if path and path[0] == "mount" and len(path) > 1:
-        mount = data["mount"][path[1]]
+    top = data.get(str(path[0])) if path else None
+    if path[:1] == ["mount"] and isinstance(top, list) and len(path) > 1:
+        mount = top[int(path[1])]
         name = mount.get("name") if isinstance(mount, dict) else None
         label = f"'{name}'" if isinstance(name, str) else f"number {int(path[1]) + 1}"
         header, path = f"[[mount]] {label} ", path[2:]
-    elif path and path[0] == "sensor" and len(path) > 1:
-        header, path = f"[sensor.{path[1]}] ", path[2:]
-    elif len(path) > 1 or (path and isinstance(data.get(str(path[0])), dict)):
+    elif isinstance(top, dict):
         header, path = f"[{path[0]}] ", path[1:]
+        if header == "[sensor] " and path and isinstance(top.get(str(path[0])), dict):
+            header, path = f"[sensor.{path[0]}] ", path[1:]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return header, key.lstrip(".")
 

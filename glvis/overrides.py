@@ -145,8 +145,8 @@ def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -
     unit = data.get("unit", "mm")
     known = catalogue(unit) if isinstance(unit, str) else {}
     if parts[1] not in known:
-        hint = nearest(parts[1], [*sensors, *known])
-        raise StudyError(f"is unknown: there is no sensor '{parts[1]}'{hint}")
+        names = ", ".join([*sensors, *(name for name in known if name not in sensors)])
+        raise StudyError(f"is unknown: there is no sensor '{parts[1]}'; there are {names}")
     sensors[parts[1]] = sensor_table(known[parts[1]])
     changes["sensor", parts[1]] = dict(sensors[parts[1]])
 

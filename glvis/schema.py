@@ -15,7 +15,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Discriminator,
-    Field,
     Tag,
     create_model,
     model_validator,
@@ -30,6 +29,7 @@ from glvis.swarm_options import SwarmOptions
 from glvis.visibility import VisibilityOptions
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4, "ft": 304.8}
+_RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
 _LARGEST_IMAGE = 16384  # pixels a side; what any OpenGL 3.3 driver of today renders
 
 
@@ -116,7 +116,7 @@ else:
         Discriminator(
             _kind_of_parameter,
             custom_error_type="parameter",
-            custom_error_message="must be a number, {{ min, max, start }} or an expression",
+            custom_error_message="must be a number, { min, max, start } or an expression",
         ),
         AfterValidator(_to_parameter),
     ]
@@ -169,11 +169,12 @@ class VisibilityTable(Table):
     criterion: Literal["pixels", "centroid"] = "pixels"
     min_pixels: Annotated[int, _within("be at least 1", lambda v: v >= 1)] = 1
     resolution: Annotated[
-        Annotated[Literal["auto", "sensor"], Tag("<word>")] | Annotated[Size, Tag("<size>")],
+        Annotated[str, _within(_RESOLUTIONS, lambda v: v in ("auto", "sensor")), Tag("<word>")]
+        | Annotated[Size, Tag("<size>")],
         Discriminator(
             _kind_of_resolution,
             custom_error_type="resolution",
-            custom_error_message="must be 'auto', 'sensor' or [width, height]",
+            custom_error_message=f"must {_RESOLUTIONS}",
         ),
     ] = "auto"
     incidence: Literal["ray", "axis"] = "ray"
@@ -181,14 +182,14 @@ class VisibilityTable(Table):
     semantics: Literal["paper"] | None = None
 
     def to_options(self) -> VisibilityOptions:
-        """Return the options; ``semantics`` sets what the table leaves open."""
+        """Return the options; ``semantics`` goes before the single choices."""
         given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set}
         if isinstance(self.resolution, list):
             given["resolution"] = (self.resolution[0], self.resolution[1])
-        if self.semantics == "paper":
-            paper = VisibilityOptions.paper()
-            given = dataclasses.asdict(paper) | given
-        return VisibilityOptions(**given)
+        if given.pop("semantics", None) is None:
+            return VisibilityOptions(**given)
+        kept = {key: given[key] for key in ("resolution", "min_pixels") if key in given}
+        return dataclasses.replace(VisibilityOptions.paper(), **kept)
 
 
 class RingTable(Table):
@@ -243,7 +244,7 @@ class MountTable(Table):
             Discriminator(
                 _kind_of_direction,
                 custom_error_type="direction",
-                custom_error_message="must be {{ azimuth_deg, elevation_deg }} or [x, y, z]",
+                custom_error_message="must be { azimuth_deg, elevation_deg } or [x, y, z]",
             ),
         ]
         | None
@@ -298,13 +299,22 @@ class ObjectiveTable(Table):
         return Objective(**(terms | given), overlap=overlap)
 
 
+# Beyond these nothing is meant and memory or 64 bits run out.
+_MOST = {"particles": 10**6, "iterations": 10**9, "stall_iterations": 10**9, "seed": 2**63 - 1}
+
+
 def _table_of(options: Any) -> type[Table]:
     """Return a table with the fields of a dataclass; pairs are lists in TOML."""
     hints = get_type_hints(options)
-    pair = Annotated[tuple[float, float], Field(strict=False)]
+    pair = Annotated[
+        list[float], _within("be [low, high]", lambda v: len(v) == 2), AfterValidator(tuple)
+    ]
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(options):
         hint = hints[field.name]
+        if hint is int:
+            most = _MOST[field.name]
+            hint = Annotated[int, _within(f"be at most {most}", lambda v, most=most: v <= most)]
         fields[field.name] = (pair if hint == tuple[float, float] else hint, field.default)
     return create_model(f"{options.__name__}Table", __base__=Table, **fields)
 

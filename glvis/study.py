@@ -112,8 +112,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         except ValidationError as error:
             raise StudyError(first_error(error, data)) from None
         sensors = _sensors(table)
-        with _located("[[mount]] "):
-            rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], table.up)
+        rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], table.up)
         with _located("[visibility] "):
             visibility = table.visibility.to_options()
         with _located("[objective] "):
