@@ -458,7 +458,7 @@ def test_a_reader_that_is_not_installed_is_named(saved, monkeypatch):
     def load_scene(*args, **kwargs):
         raise ImportError("No module named 'lxml'", name="lxml")
 
-    monkeypatch.setattr("glvis.scene.trimesh.load_scene", load_scene)
+    monkeypatch.setattr("trimesh.load_scene", load_scene)
     with pytest.raises(ValueError, match=r"cannot be read as 3MF without lxml: pip install"):
         saved("a.3mf", b"PK")
 
