@@ -11,6 +11,12 @@ SHADER_DIR = _WHEEL if _WHEEL.is_dir() else _CHECKOUT
 
 
 @cache
-def shader_source(name: str) -> str:
-    """Return the text of ``shaders/<name>``."""
-    return (SHADER_DIR / name).read_text(encoding="utf-8")
+def shader_source(name: str, *defines: str) -> str:
+    """Return the text of ``shaders/<name>``, with names defined under its version line.
+
+    The driver's messages keep the line numbers of the file.
+    """
+    text = (SHADER_DIR / name).read_text(encoding="utf-8")
+    version, rest = text.split("\n", 1)
+    lines = [version, *(f"#define {define}" for define in defines), "#line 2", rest]
+    return "\n".join(lines)

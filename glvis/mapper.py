@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from glvis.clusters import Clusters
 from glvis.crops import (
     CameraFaces,
+    FaceTable,
     crop_as_paper,
     crop_centroids,
     faces_sensor,
@@ -38,9 +39,9 @@ from glvis.visibility import VisibilityOptions, render_resolution, takes_second_
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# clip_near as a share of maxD: what is nearer to the eye than this hides nothing. The plane lies
-# farther out where the scene does, for the sake of the depth buffer.
-_CLIP_NEAR = 1e-3
+# Clip planes as shares of maxD: what is nearer to the eye than the first hides nothing, and
+# nothing that is in range is hidden by what lies beyond the second.
+_NEAREST, _FARTHEST = 1e-3, 2.0
 # A face hides a centre when it is nearer by this share of the mean edge: half an edge is less
 # than the step between two surfaces that matter and more than a curved neighbour's bulge.
 _TOLERANCE = 0.5
@@ -76,6 +77,7 @@ class Mapper:
     ) -> None:
         self.model, self.options, self.origin = model, options, origin
         self.surface = Surface(Clusters.of(model), origin, is_target=True)
+        self._table = FaceTable.of(model)
         self._obstacles = obstacles
         self._renderer_of = renderer_of
         boxes = np.stack([part.bounds for part in (model, *(o.clusters.model for o in obstacles))])
@@ -106,22 +108,22 @@ class Mapper:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
         options = self.options
         views = self._views(camera_to_world, sensor)
-        targets = _selection(self.surface, views, faces_only=options.occlusion == "paper")
+        faces_only = options.occlusion == "paper"  # then backs hide nothing
+        targets, candidates = _selection(self.surface, views, faces_only=faces_only)
         renderer = self._renderer_of(render_resolution(options, sensor, self.model))
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        candidates = self._facing(views) if takes_second_look(options) else None
+        second_look = takes_second_look(options)
         for first, images in renderer.id_images(
             views,
             [targets, *self._hiding(views)],
             origin=self.origin,
-            by_axis=options.incidence == "axis",
             refused_hide=options.occlusion == "physical",
         ):
             n = len(images)
             visible[first : first + n] = faces_in_images(
                 images, self.model.n_faces, options.min_pixels
             )
-            if candidates is not None:
+            if second_look:
                 depths = renderer.last_depths(n)
                 self._look_again(visible, first, depths, views, candidates, sensor)
         return visible
@@ -129,17 +131,15 @@ class Mapper:
     def _by_centroid(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
         """Return the faces whose centre passes every filter and is hidden by nothing."""
         views = self._views(camera_to_world, sensor)
-        candidates = self._facing(views)
+        occluders, candidates = _selection(self.surface, views)
         if self.options.occlusion == "paper":
             # what CropBack and CropNorm refuse is gone before anything is hidden
             kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
             for view, pose in enumerate(camera_to_world):
                 index = self.surface.clusters.faces_in(candidates[view])
-                faces = in_camera(self.model, index, pose)
+                faces = in_camera(self._table, index, pose)
                 kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
             occluders = _selection_of_faces(self.surface, kept)
-        else:
-            occluders = _selection(self.surface, views)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
         for first, images in renderer.depth_images(
@@ -154,17 +154,15 @@ class Mapper:
         kept = np.zeros((n, self.model.n_faces), dtype=bool)
         far_enough = np.zeros_like(kept)
         tan_half = np.tile(sensor.intrinsics.tan_half, (n, 1))
-        clip_far = np.full(n, sensor.max_distance)
         in_view = []
         for view, pose in enumerate(camera_to_world):
             kept[view], far_enough[view] = crop_as_paper(self.model, pose, sensor)
-            faces = in_camera(self.model, np.flatnonzero(kept[view]), pose)
+            faces = in_camera(self._table, np.flatnonzero(kept[view]), pose)
             in_view.append(faces)
             # a face is kept for one vertex in the frustum: its centre may lie outside
-            reach = np.abs(faces.tangent).max(axis=0, initial=0) * _MARGIN
+            reach = np.abs(faces.tangent).max(axis=1, initial=0) * _MARGIN
             tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
-            clip_far[view] = max(clip_far[view], _MARGIN * faces.depth.max(initial=0))
-        views = self._views(camera_to_world, sensor, tan_half=tan_half, clip_far=clip_far)
+        views = self._views(camera_to_world, sensor, tan_half=tan_half)
         renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
         visible = np.zeros_like(kept)
         for first, images in renderer.depth_images(
@@ -190,7 +188,7 @@ class Mapper:
         for view, depth in enumerate(depths, start=first):
             index = self.surface.clusters.faces_in(candidates[view])
             index = index[~visible[view, index]]
-            faces = in_camera(self.model, index, views.camera_to_world[view])
+            faces = in_camera(self._table, index, views.camera_to_world[view])
             faces = faces[crop_centroids(faces, sensor, by_axis=self._by_axis)]
             free = self._free(faces, depth, views, view)
             visible[view, faces.index[free]] = True
@@ -212,55 +210,53 @@ class Mapper:
         return self.options.incidence == "axis"
 
     def _views(
-        self,
-        camera_to_world: Floats,
-        sensor: Sensor,
-        *,
-        tan_half: Floats | None = None,
-        clip_far: Floats | None = None,
+        self, camera_to_world: Floats, sensor: Sensor, *, tan_half: Floats | None = None
     ) -> Views:
         """Return what the renderer must know of some poses of a sensor."""
         n = len(camera_to_world)
         if tan_half is None:
             tan_half = np.tile(sensor.intrinsics.tan_half, (n, 1))
-        if clip_far is None:
-            clip_far = np.full(n, sensor.max_distance)
         backwards = camera_to_world[:, :3, 2]
         eye = np.sum(backwards * camera_to_world[:, :3, 3], axis=1)
-        nearest = (eye[:, None] - backwards @ self._corners.T).min(axis=1)
+        depth = eye[:, None] - backwards @ self._corners.T  # of the scene's boxes
+        # Planes beyond the scene on both sides cut no face and leave the depth buffer its bits.
+        clip_far = np.clip(depth.max(axis=1), sensor.max_distance, _FARTHEST * sensor.max_distance)
+        clip_near = np.clip(depth.min(axis=1), _NEAREST * sensor.max_distance, clip_far / 2)
+        reach = np.full(n, sensor.max_distance)
+        min_cos = np.full(n, math.cos(sensor.max_incidence))
         return Views(
             camera_to_world,
             tan_half,
-            np.clip(0.99 * nearest, _CLIP_NEAR * clip_far, 0.5 * clip_far),
-            clip_far,
+            clip_near / _MARGIN,
+            clip_far * _MARGIN,
             np.full(n, sensor.min_distance),
-            np.full(n, math.cos(sensor.max_incidence)),
+            reach,
+            0 * min_cos if self._by_axis else min_cos,
+            min_cos if self._by_axis else 0 * min_cos - 2,
         )
-
-    def _facing(self, views: Views) -> Bools:
-        """Return the model's clusters in view with a face towards the eye, (N, C) bool."""
-        clusters = self.surface.clusters
-        return clusters.in_frustum(views.planes) & clusters.may_face(views.eye)
 
     def _hiding(self, views: Views) -> list[Selection]:
         """Return what to draw of the obstacles."""
-        return [_selection(obstacle, views) for obstacle in self._obstacles]
+        return [_selection(obstacle, views)[0] for obstacle in self._obstacles]
 
 
-def _selection(surface: Surface, views: Views, *, faces_only: bool = False) -> Selection:
-    """Return what views draw of a surface: what is in their frusta and can matter.
+def _selection(
+    surface: Surface, views: Views, *, faces_only: bool = False
+) -> tuple[Selection, Bools]:
+    """Return what views draw of a surface, and which clusters (N, C) may have a face to count.
 
-    Backs are left out where they hide nothing that is not hidden anyway, or ``faces_only``.
+    Drawn is what is in the frusta and can matter. Backs are left out where they hide nothing
+    that is not hidden anyway, or with ``faces_only``.
     """
     clusters, planes = surface.clusters, views.planes
     mask = clusters.in_frustum(planes)
+    candidates = mask & clusters.may_face(views.eye)
     if faces_only:
         cull_backs = np.ones(len(views), dtype=bool)
     else:
         cull_backs = clusters.hides_back_faces(views.eye, planes)
-    if cull_backs.any():
-        mask &= clusters.may_face(views.eye) | ~cull_backs[:, None]
-    return Selection(surface, mask, cull_backs)
+    mask = np.where(cull_backs[:, None], candidates, mask)
+    return Selection(surface, mask, cull_backs), candidates
 
 
 def _selection_of_faces(surface: Surface, mask: Bools) -> Selection:

@@ -29,6 +29,11 @@ Bools = NDArray[np.bool_]
 
 _HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
 _VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
+# The viewport is this odd number of times as wide and high as the image, which lies in its
+# middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
+# cuts faces slowly, while what falls outside the image costs nothing.
+_GUARD = 3
+_FORMATS = {"position": "3f", "face_id": "1u", "normal": "3f"}  # as moderngl writes them
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +47,12 @@ class Views:
     tan_half : (N, 2) float64
         Tangents of the half opening angles.
     clip_near, clip_far : (N,) float64
-        Clip planes; the far one is the sensor's maxD.
-    min_distance, min_cos : (N,) float64
-        Working range's near end, and the cosine of the largest incidence.
+        Clip planes, beyond both ends of what can show.
+    min_distance, max_distance : (N,) float64
+        Working range, the paper's minD and maxD.
+    min_ray_cos, min_axis_cos : (N,) float64
+        Cosine of the largest incidence by the true ray, 0 for any, and by the optical axis,
+        -2 for any.
     """
 
     camera_to_world: Floats
@@ -52,7 +60,9 @@ class Views:
     clip_near: Floats
     clip_far: Floats
     min_distance: Floats
-    min_cos: Floats
+    max_distance: Floats
+    min_ray_cos: Floats
+    min_axis_cos: Floats
 
     def __len__(self) -> int:
         return len(self.camera_to_world)
@@ -64,7 +74,7 @@ class Views:
 
     @property
     def planes(self) -> Floats:
-        """Inward unit planes of the frusta: left, right, bottom, top, far; (N, 5, 4)."""
+        """Inward unit planes of the frusta: left, right, bottom, top, maxD; (N, 5, 4)."""
         planes = np.zeros((len(self), 5, 4))
         for k in range(4):
             axis, side = divmod(k, 2)
@@ -72,13 +82,13 @@ class Views:
             length = np.sqrt(1 + tan**2)
             planes[:, k, axis] = (1 - 2 * side) / length  # x >= -tan depth, x <= tan depth
             planes[:, k, 2] = -tan / length  # depth is -z
-        planes[:, 4, 2] = 1.0  # z >= -far
-        planes[:, 4, 3] = self.clip_far
+        planes[:, 4, 2] = 1.0  # z >= -maxD
+        planes[:, 4, 3] = self.max_distance
         return planes @ rigid_inverse(self.camera_to_world)
 
 
 class Surface:
-    """One model on the GPU: the vertices once, and room for the indices of a draw.
+    """One model on the GPU, in the layout of each kind of draw that was asked for.
 
     Parameters
     ----------
@@ -91,44 +101,54 @@ class Surface:
     """
 
     def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
-        context, programs = gl_context(), _programs()
-        self.clusters = clusters
-        vertices, indices = _provoking_layout(clusters, origin, is_target)
-        self._blocks = indices.reshape(len(clusters), -1)
-        self._vertices = context.buffer(vertices)
-        self._indices = context.buffer(reserve=max(indices.nbytes, 12), dynamic=True)
-        self.ids = context.vertex_array(
-            programs["id_buffer"],
-            [(self._vertices, "3f 1u 3f", "position", "face_id", "normal")],
-            self._indices,
-        )
-        self.depth = context.vertex_array(
-            programs["depth"], [(self._vertices, "3f 16x", "position")], self._indices
-        )
-        self._drawn = 0
+        self.clusters, self._origin, self._is_target = clusters, origin, is_target
+        self._arrays: dict[Any, _VertexArray] = {}
 
-    def select(self, mask: Bools) -> None:
-        """Choose the clusters of the next draw, (C,) bool."""
-        chosen = self._blocks[mask]
-        self._drawn = chosen.size
-        if self._drawn:
-            self._indices.write(chosen)
-
-    def select_faces(self, is_chosen: Bools) -> None:
-        """Choose single faces of the next draw, (F,) bool by file index."""
-        chosen = self._blocks.reshape(-1, 3)[is_chosen[self.clusters.order]]
-        self._drawn = chosen.size
-        if self._drawn:
-            self._indices.write(chosen)
-
-    def draw(self, vertex_array: moderngl.VertexArray) -> None:
-        """Draw what was chosen."""
-        if self._drawn:
-            vertex_array.render(moderngl.TRIANGLES, vertices=self._drawn)
+    def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
+        """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
+        if by_face:
+            mask = mask[self.clusters.order]
+        if program not in self._arrays:
+            if "face_id" in program:
+                layout = _provoking_layout(self.clusters, self._origin, self._is_target)
+            else:
+                layout = _position_layout(self.clusters, self._origin)
+            self._arrays[program] = _VertexArray(program, *layout)
+        self._arrays[program].draw(mask)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for part in (self.ids, self.depth, self._indices, self._vertices):
+        for array in self._arrays.values():
+            array.release()
+        self._arrays.clear()
+
+
+class _VertexArray:
+    """Vertices that stay on the GPU, and room for the indices of one draw."""
+
+    def __init__(
+        self, program: Any, vertices: NDArray[np.void], indices: NDArray[np.uint32]
+    ) -> None:
+        context = gl_context()
+        self._faces = indices
+        self._vertices = context.buffer(vertices)
+        self._indices = context.buffer(reserve=indices.nbytes, dynamic=True)
+        names = vertices.dtype.names or ()
+        content = " ".join(_FORMATS[name] for name in names)
+        self._array = context.vertex_array(
+            program, [(self._vertices, content, *names)], self._indices
+        )
+
+    def draw(self, mask: Bools) -> None:
+        """Draw the chosen ones of equal runs of faces, as many as the mask is long."""
+        chosen = self._faces.reshape(len(mask), -1).take(np.flatnonzero(mask), axis=0)
+        if chosen.size:
+            self._indices.write(chosen)
+            self._array.render(moderngl.TRIANGLES, vertices=chosen.size)
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for part in (self._array, self._indices, self._vertices):
             part.release()
 
 
@@ -153,18 +173,14 @@ class Selection:
     cull_backs: Bools
     by_face: bool = False
 
-    def draw(self, view: int, shows_ids: bool) -> None:
+    def draw(self, program: Any, view: int) -> None:
         """Draw what one of the views has chosen."""
-        if self.by_face:
-            self.surface.select_faces(self.mask[view])
-        else:
-            self.surface.select(self.mask[view])
         context = gl_context()
         if self.cull_backs[view]:
             context.enable(moderngl.CULL_FACE)
         else:
             context.disable(moderngl.CULL_FACE)
-        self.surface.draw(self.surface.ids if shows_ids else self.surface.depth)
+        self.surface.draw(program, self.mask[view], self.by_face)
 
 
 class Renderer:
@@ -193,6 +209,8 @@ class Renderer:
             fitting = max(1, _HARDWARE_BATCH_BYTES // (4 * width * height))
             tiles = 1 if gl_info().is_software else fitting
         self.tiles = min(tiles, limit // height)
+        fits = _GUARD * max(resolution) <= min(context.info["GL_MAX_VIEWPORT_DIMS"])
+        self._guard = _GUARD if fits else 1
         size = (width, height * self.tiles)
         self._id_texture = context.texture(size, 1, dtype="u4", alignment=4)
         self._depth_texture = context.depth_texture(size, alignment=4)
@@ -223,7 +241,6 @@ class Renderer:
         selections: Sequence[Selection],
         *,
         origin: Floats,
-        by_axis: bool = False,
         refused_hide: bool = True,
     ) -> Iterator[tuple[int, NDArray[np.uint32]]]:
         """Yield ID images in batches: index of the first view, and (n, H, W) uint32.
@@ -239,14 +256,10 @@ class Renderer:
             What to draw of each surface.
         origin : (3,) float64
             As the surfaces were made with.
-        by_axis : bool
-            Measure the incidence by the optical axis instead of the true ray.
         refused_hide : bool
             Whether back and too oblique faces hide what lies behind them.
         """
-        program = _programs()["id_buffer"]
-        program["by_axis"] = by_axis
-        program["refused_hide"] = refused_hide
+        program = _program("id_buffer", *(["REFUSED_HIDE"] if refused_hide else []))
         for first, n in self._batches(views, selections, origin, program):
             self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
             yield first, self._ids[:n, ::-1]
@@ -259,7 +272,7 @@ class Renderer:
         Values are OpenGL's, in [0, 1]; see ``depth_along_axis``. The arrays are valid until
         the next batch.
         """
-        for first, n in self._batches(views, selections, origin, _programs()["depth"]):
+        for first, n in self._batches(views, selections, origin, _program("depth")):
             self._depth_only.read_into(
                 self._depths, attachment=-1, components=1, dtype="f4", alignment=4
             )
@@ -281,32 +294,34 @@ class Renderer:
     ) -> Iterator[tuple[int, int]]:
         """Draw the views, ``tiles`` at a time; yield the first view and the number drawn."""
         context = gl_context()
-        shows_ids = program is _programs()["id_buffer"]
-        framebuffer = self._framebuffer if shows_ids else self._depth_only
+        framebuffer = self._framebuffer if "face_id" in program else self._depth_only
         width, height = self.resolution
-        uniforms = _uniforms(views, self.resolution, self.tiles, origin)
+        side = self._guard // 2
+        uniforms = _uniforms(views, self.resolution, self.tiles, self._guard, origin, program)
         for first in range(0, len(views), self.tiles):
             # The full state, so that no draw depends on the one before.
             context.enable_only(moderngl.DEPTH_TEST)
             context.depth_func = "<"
             context.front_face, context.cull_face = "ccw", "back"
             framebuffer.use()
-            framebuffer.viewport = (0, 0, width, height * self.tiles)
+            framebuffer.scissor = (0, 0, width, height * self.tiles)
             framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
             n = min(self.tiles, len(views) - first)
             for tile in range(n):
                 view = first + tile
+                # wider than the tile: see _GUARD
+                framebuffer.viewport = (
+                    -side * width,
+                    (tile - side) * height,
+                    self._guard * width,
+                    self._guard * height,
+                )
                 if self.tiles > 1:
-                    framebuffer.viewport = (0, tile * height, width, height)
-                program["world_to_clip"].write(uniforms.world_to_clip[view])
-                if shows_ids:
-                    program["eye"].write(uniforms.eye[view])
-                    program["backwards"].write(uniforms.backwards[view])
-                    program["pixel_to_tangent"].write(uniforms.pixel_to_tangent[view])
-                    program["min_cos"] = uniforms.min_cos[view]
-                    program["min_distance"] = uniforms.min_distance[view]
+                    framebuffer.scissor = (0, tile * height, width, height)
+                for name, rows in uniforms.items():
+                    program[name].write(rows[view])
                 for selection in selections:
-                    selection.draw(view, shows_ids)
+                    selection.draw(program, view)
             yield first, n
 
 
@@ -314,7 +329,8 @@ def faces_in_images(images: NDArray[np.uint32], n_faces: int, min_pixels: int = 
     """Return which faces show in at least ``min_pixels`` pixels of ID images, (n, F) bool."""
     seen = np.zeros((len(images), n_faces + 1), dtype=bool)
     for flags, image in zip(seen, images, strict=True):
-        ids = image[::-1].ravel()  # as the GPU left it: no copy, and no matter here
+        # as the GPU left it: no copy; NumPy indexes by its own integers several times faster
+        ids = image[::-1].ravel().astype(np.intp)
         if min_pixels == 1:
             flags[ids] = True
         else:
@@ -327,36 +343,37 @@ def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Flo
     return 2 * far * near / (far + near - (2 * depth.astype(np.float64) - 1) * (far - near))
 
 
-@dataclass(frozen=True, eq=False)
-class _Uniforms:
-    """What the shaders ask for, by view, as the float32 rows that are written."""
-
-    world_to_clip: NDArray[np.float32]  # (N, 4, 4), columns first as GLSL reads them
-    eye: NDArray[np.float32]
-    backwards: NDArray[np.float32]
-    pixel_to_tangent: NDArray[np.float32]
-    min_cos: list[float]
-    min_distance: list[float]
-
-
-def _uniforms(views: Views, resolution: tuple[int, int], tiles: int, origin: Floats) -> _Uniforms:
-    """Return the uniforms of all views; the matrices are multiplied in float64."""
+def _uniforms(
+    views: Views,
+    resolution: tuple[int, int],
+    tiles: int,
+    guard: int,
+    origin: Floats,
+    program: Any,
+) -> dict[str, NDArray[np.float32]]:
+    """Return what a program asks for, by name and view; matrices are multiplied in float64."""
     pose = views.camera_to_world.copy()
     pose[:, :3, 3] -= origin
-    projection = projection_matrix(views.tan_half, views.clip_near, views.clip_far)
-    world_to_clip = projection @ rigid_inverse(pose)
+    projection = projection_matrix(guard * views.tan_half, views.clip_near, views.clip_far)
     scale = 2 * views.tan_half / np.asarray(resolution)
     offset = -views.tan_half
     # gl_FragCoord counts from the bottom of the framebuffer, not of the tile
     offset[:, 1] -= scale[:, 1] * resolution[1] * (np.arange(len(views)) % tiles)
-    return _Uniforms(
-        np.ascontiguousarray(np.swapaxes(world_to_clip, 1, 2), dtype=np.float32),
-        np.ascontiguousarray(pose[:, :3, 3], dtype=np.float32),
-        np.ascontiguousarray(pose[:, :3, 2], dtype=np.float32),
-        np.concatenate([scale, offset], axis=1).astype(np.float32),
-        views.min_cos.tolist(),
-        views.min_distance.tolist(),
-    )
+    uniforms = {
+        "world_to_clip": np.swapaxes(projection @ rigid_inverse(pose), 1, 2),  # columns first
+        "eye": pose[:, :3, 3],
+        "backwards": pose[:, :3, 2],
+        "pixel_to_tangent": np.concatenate([scale, offset], axis=1),
+        "min_distance": views.min_distance,
+        "max_distance": views.max_distance,
+        "min_ray_cos": views.min_ray_cos,
+        "min_axis_cos": views.min_axis_cos,
+    }
+    return {
+        name: np.ascontiguousarray(rows, dtype=np.float32)
+        for name, rows in uniforms.items()
+        if name in program
+    }
 
 
 def _provoking_layout(
@@ -389,17 +406,30 @@ def _provoking_layout(
     return vertices, indices
 
 
+def _position_layout(
+    clusters: Clusters, origin: Floats
+) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
+    """Return vertices, each once and in the order the faces come to them, and (F', 3) indices."""
+    faces = clusters.model.faces[clusters.order]
+    corners = faces.ravel()
+    first = np.full(len(clusters.model.vertices), len(corners), dtype=np.int64)
+    np.minimum.at(first, corners, np.arange(len(corners)))
+    used = np.flatnonzero(first < len(corners))
+    used = used[np.argsort(first[used])]
+    number = np.zeros(len(first), dtype=np.uint32)
+    number[used] = np.arange(len(used))
+    vertices = np.zeros(len(used), dtype=[("position", "f4", 3)])
+    vertices["position"] = clusters.model.vertices[used] - origin
+    return vertices, number[faces]
+
+
 @cache
-def _programs() -> dict[str, Any]:
-    """Return the compiled programs by the name of their files."""
-    return {name: _program(name) for name in ("id_buffer", "depth")}
-
-
-def _program(name: str) -> Any:
+def _program(name: str, *defines: str) -> Any:
+    """Return the compiled program of ``shaders/<name>.*.glsl``."""
     try:
         return gl_context().program(
-            vertex_shader=shader_source(f"{name}.vert.glsl"),
-            fragment_shader=shader_source(f"{name}.frag.glsl"),
+            vertex_shader=shader_source(f"{name}.vert.glsl", *defines),
+            fragment_shader=shader_source(f"{name}.frag.glsl", *defines),
         )
     except moderngl.Error as error:
         info = gl_info()

@@ -4,23 +4,22 @@
 //      face_id    face index + 1, 0 for obstacles; read from the provoking (last) vertex
 //      normal     unit normal of that face, 0 for obstacles
 // out: id         as face_id
-//      height     distance of the eye above the face's plane, scene unit; < 0 behind it
-//      axis_cos   cosine of the incidence measured along the optical axis
+//      height     distance of the eye above the face's plane, scene unit; negative behind it,
+//                 and where the incidence by the optical axis is too large
 in vec3 position;
 in uint face_id;
 in vec3 normal;
 
 uniform mat4 world_to_clip;
-uniform vec3 eye;        // optical centre, as position
-uniform vec3 backwards;  // unit vector against the optical axis, world frame
+uniform vec3 eye;           // optical centre, as position
+uniform vec3 backwards;     // unit vector against the optical axis, world frame
+uniform float min_axis_cos; // cosine of the largest incidence by the optical axis, or -2: any
 
 flat out uint id;
 flat out float height;
-flat out float axis_cos;
 
 void main() {
     gl_Position = world_to_clip * vec4(position, 1.0);
     id = face_id;
-    height = dot(normal, eye - position);
-    axis_cos = dot(normal, backwards);
+    height = dot(normal, backwards) >= min_axis_cos ? dot(normal, eye - position) : -1.0;
 }
