@@ -1,0 +1,7 @@
+"""``python -m glvis`` is ``glvis``."""
+
+import sys
+
+from glvis.cli import main
+
+sys.exit(main())

@@ -1,0 +1,212 @@
+"""The command line: reads what the user wants, hands it on, and says what came of it.
+
+Exit codes: 0, 2 for what the user wrote (``StudyError``), 1 for what the machine refused
+(``MachineError``); one line on standard error, no traceback.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from glvis import __version__
+from glvis.errors import MachineError, StudyError
+
+app = typer.Typer(
+    name="glvis",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+# All mistakes in the use of options; typer brings its own copy of click or asks for one.
+_UsageError: Any = typer.BadParameter.__bases__[0]
+
+_StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="The study, a TOML file.")]
+_Output = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result; made new.")
+]
+_Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="A value in place of the study's, such as swarm.particles=100 or "
+        "mount.A1.roll_deg=0. May be given many times.",
+    ),
+]
+_Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Take the place of the result in DIR; other files stay."),
+]
+_NoPictures = Annotated[
+    bool, typer.Option("--no-pictures", help="Leave the pictures out; 'render' makes them later.")
+]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # names in letters that this terminal lacks
+            stream.reconfigure(errors="replace")
+    try:
+        code = app(arguments, prog_name="glvis", standalone_mode=False)
+    except StudyError as error:
+        return _fail(str(error), 2)
+    except MachineError as error:
+        return _fail(str(error), 1)
+    except MemoryError:
+        return _fail("this machine has too little memory for the study", 1)
+    except _UsageError as error:
+        return _fail(f"{error.format_message().rstrip('.')}; 'glvis --help' tells more", 2)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted", 130)
+    return code if isinstance(code, int) else 0
+
+
+def _fail(text: str, code: int) -> int:
+    sys.stderr.write(f"error: {' '.join(text.split())}\n")
+    return code
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"glvis {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog="A first run:  glvis check arm.toml, then  glvis optimize arm.toml -o out/arm")
+def _glvis(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Find where to put cameras and depth sensors, and see what each of them sees.
+
+    A study is one TOML file: meshes, sensors, what may move and how far, the objective.
+    Lengths are in the study's unit (mm unless it says otherwise), angles in degrees.
+    """
+
+
+@app.command(epilog="Example:  glvis check scenes/arm.toml")
+def check(study: _StudyFile, overrides: _Set = None) -> None:
+    """Read a study, say what is in it, what it will cost and what will disappoint.
+
+    Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
+    resolution of the renders, the OpenGL driver, and how long a full run takes here.
+    """
+    from glvis.checks import study_warnings
+    from glvis.estimate import measured_cost
+    from glvis.study import load_study
+    from glvis.terminal import say
+    from glvis.wording import cost_lines, resolution_warnings, study_lines
+
+    loaded = load_study(study, overrides or ())
+    for line in study_lines(loaded):
+        say(line)
+    say()
+    warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
+    for warning in warnings:
+        say(f"Warning: {warning}")
+    for line in cost_lines(measured_cost(loaded), os.cpu_count() or 1):
+        say(line)
+
+
+@app.command(
+    epilog="Example:  glvis evaluate scenes/arm.toml -o out/start,  or with the poses of another "
+    "result:  glvis evaluate scenes/arm.toml -o out/again --poses out/arm/result.json"
+)
+def evaluate(
+    study: _StudyFile,
+    output: _Output,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RESULT",
+            help="result.json of another result: its poses, by the names of the sensors, "
+            "in place of the study's start.",
+        ),
+    ] = None,
+    overrides: _Set = None,
+    overwrite: _Overwrite = False,
+    no_pictures: _NoPictures = False,
+) -> None:
+    """Say what the start poses, or given ones, see; nothing is searched.
+
+    Writes study.toml (as run), result.json (poses, coverage), coverage.csv and sensors.csv
+    (tables), visibility.npz (which sensor sees which face) and pictures in views/.
+    """
+    from glvis.checks import study_warnings
+    from glvis.delivery import deliver, summary_of_files
+    from glvis.folder import result_folder
+    from glvis.placement import evaluate_poses
+    from glvis.result import read_poses
+    from glvis.study import load_study
+    from glvis.terminal import say
+    from glvis.wording import resolution_warnings, result_lines
+
+    loaded = load_study(study, overrides or ())
+    given = read_poses(poses, loaded.sensor_names) if poses else None
+    warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
+    with result_folder(output, overwrite=overwrite) as folder:
+        placement = evaluate_poses(loaded, given)
+        failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
+    for line in result_lines(placement):
+        say(line)
+    for warning in [*warnings, *failures]:
+        say(f"Warning: {warning}")
+    say(summary_of_files(output))
+    if failures:
+        raise typer.Exit(1)
+
+
+@app.command(
+    epilog="Examples:  glvis optimize scenes/arm.toml -o out/arm  or a shorter run:  glvis "
+    "optimize scenes/arm.toml -o out/try --set swarm.particles=50 --set swarm.iterations=30"
+)
+def optimize(
+    study: _StudyFile,
+    output: _Output,
+    overrides: _Set = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of the random numbers: the same seed, the same result.")
+    ] = None,
+    overwrite: _Overwrite = False,
+    no_pictures: _NoPictures = False,
+) -> None:
+    """Search the poses that see most.
+
+    Ctrl-C ends the search well: the best so far is written as a complete result.
+
+    Writes what 'evaluate' writes, and trace.csv (best and mean value of each iteration).
+    """
+    from glvis.checks import study_warnings
+    from glvis.delivery import deliver, summary_of_files
+    from glvis.folder import result_folder
+    from glvis.placement import place_sensors
+    from glvis.study import load_study
+    from glvis.terminal import progress_shown, say
+    from glvis.wording import resolution_warnings, result_lines
+
+    settings = [*(overrides or ()), *([] if seed is None else [f"swarm.seed={seed}"])]
+    loaded = load_study(study, settings)
+    warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
+    with result_folder(output, overwrite=overwrite) as folder:
+        for warning in warnings:  # before the hours that they may cost
+            say(f"Warning: {warning}", error=True)
+        with progress_shown() as show:
+            placement = place_sensors(loaded, on_iteration=show)
+        failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
+    for line in result_lines(placement):
+        say(line)
+    for warning in [*placement.warnings, *failures]:
+        say(f"Warning: {warning}")
+    say(summary_of_files(output))
+    if failures:
+        raise typer.Exit(1)

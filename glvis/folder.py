@@ -1,0 +1,239 @@
+"""The folder a run writes: refused before the run starts, filled whole when it has ended.
+
+Files are written into ``unfinished/`` inside the folder and renamed into place at the end,
+``result.json`` last: a folder without it holds no result. What is inside already and was not
+written by glvis is never touched.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from glvis.errors import MachineError, StudyError
+
+INDEX = "result.json"  # names every file of the result; written last
+CHECKPOINT = "checkpoint.npz"
+STUDY = "study.toml"
+_STAGING = "unfinished"
+
+
+class ResultFolder:
+    """A folder for one result.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; made where it is missing.
+    overwrite : bool
+        Take the place of a result that is there.
+    resume : bool
+        Go on with the run that was cut off here, or with the finished one.
+
+    Attributes
+    ----------
+    staging : Path
+        Where files are to be written before `commit`.
+
+    Raises
+    ------
+    StudyError
+        If the path is a file, or the folder holds something that may not be replaced.
+    MachineError
+        If the folder cannot be written to.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool = False, resume: bool = False) -> None:
+        self.path = path
+        self.staging = path / _STAGING
+        with _machine_errors(path):
+            if path.exists() and not path.is_dir():
+                raise StudyError(f"{path}: is a file; the result needs a folder")
+            if not resume:
+                self._refuse_what_is_there(overwrite)
+            self._made = _made_folders(path)
+            try:
+                if self.staging.exists() and not resume:
+                    shutil.rmtree(self.staging)
+                self.staging.mkdir(exist_ok=True)
+                if resume:
+                    self._take_back()
+                (self.staging / INDEX).touch()  # a folder may exist and yet take no file
+                (self.staging / INDEX).unlink()
+            except OSError:
+                self._remove_empty()
+                raise
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where the state of the search is kept while it runs, and after."""
+        return self.staging / CHECKPOINT
+
+    def commit(self) -> None:
+        """Put the files of ``staging`` in their places; those of an older result go.
+
+        Raises
+        ------
+        MachineError
+            If a file cannot be renamed; those not yet in place stay in ``staging``.
+        """
+        with _machine_errors(self.path):
+            old, new = manifest(self.path), files_below(self.staging)
+            (self.path / INDEX).unlink(missing_ok=True)
+            for name in [*(name for name in new if name != INDEX), INDEX]:
+                target = self.path / name
+                if target.exists() and name not in old:
+                    target.rename(target.with_name(f"{target.name}.kept"))
+                target.parent.mkdir(parents=True, exist_ok=True)
+                (self.staging / name).replace(target)
+            for name in set(old) - set(new):
+                (self.path / name).unlink(missing_ok=True)
+            for folder in {(self.path / name).parent for name in old} - {self.path}:
+                _remove_if_empty(folder)
+            shutil.rmtree(self.staging)
+
+    def discard(self) -> bool:
+        """Remove what was written, unless a search can go on from it; return whether it can."""
+        if self.checkpoint.exists():
+            return True
+        shutil.rmtree(self.staging, ignore_errors=True)
+        self._remove_empty()
+        return False
+
+    def _refuse_what_is_there(self, overwrite: bool) -> None:
+        """Raise if the folder holds what this run may not replace."""
+        inside = sorted(entry.name for entry in self.path.iterdir()) if self.path.exists() else []
+        if not inside:
+            return
+        if not overwrite and (self.staging / CHECKPOINT).exists():
+            raise StudyError(
+                f"{self.path}: holds a search that was cut off; go on with it by "
+                f"--resume {self.path}, or start anew with --overwrite"
+            )
+        if INDEX in inside:
+            manifest(self.path)  # or it is somebody else's result.json
+            if not overwrite:
+                raise StudyError(
+                    f"{self.path}: holds a result already; replace it with --overwrite "
+                    "or choose another folder"
+                )
+        elif inside != [_STAGING]:
+            shown = ", ".join(inside[:3]) + (", ..." if len(inside) > 3 else "")
+            raise StudyError(
+                f"{self.path}: is not empty and holds no result of glvis ({shown}); "
+                "choose another folder"
+            )
+
+    def _take_back(self) -> None:
+        """Copy checkpoint and study of a finished result into ``staging``, to go on from."""
+        if self.checkpoint.exists():
+            return
+        for name in (STUDY, CHECKPOINT):
+            if not (self.path / name).is_file():
+                self.staging.rmdir()
+                raise StudyError(
+                    f"{self.path}: holds no search that could go on ({name} is missing)"
+                )
+        for name in (STUDY, CHECKPOINT):  # the checkpoint last: it says that all is there
+            shutil.copyfile(self.path / name, self.staging / name)
+
+    def _remove_empty(self) -> None:
+        """Remove the folders that were made for this run and hold nothing."""
+        for folder in reversed(self._made):
+            _remove_if_empty(folder)
+
+
+@contextmanager
+def result_folder(
+    path: Path, *, overwrite: bool = False, resume: bool = False
+) -> Iterator[ResultFolder]:
+    """Give a folder to write into; commit it at the end, discard it if something is raised."""
+    folder = ResultFolder(path, overwrite=overwrite, resume=resume)
+    try:
+        yield folder
+        folder.commit()
+    except BaseException as error:
+        if folder.discard() and isinstance(error, MachineError):
+            raise MachineError(
+                f"{error}; the search can go on from where it was: glvis optimize --resume {path}"
+            ) from error
+        raise
+
+
+def files_below(folder: Path) -> list[str]:
+    """Return the files in a folder and its folders, as sorted relative paths with "/"."""
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def manifest(folder: Path) -> list[str]:
+    """Return the files that the result in a folder consists of; none where there is no result.
+
+    Raises
+    ------
+    StudyError
+        If ``result.json`` is not glvis' own.
+    """
+    path = folder / INDEX
+    if not path.exists():
+        return []
+    names = read_index(path).get("files")
+    if not isinstance(names, list) or not all(_is_inside(name) for name in names):
+        raise StudyError(f"{path}: is no result of glvis: its list of files is broken")
+    return names
+
+
+def read_index(path: Path) -> dict[str, Any]:
+    """Return what a ``result.json`` says.
+
+    Raises
+    ------
+    StudyError
+        If it is missing, cannot be read, or is not glvis' own.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise StudyError(f"{path}: does not exist") from None
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:  # not UTF-8, not JSON
+        raise StudyError(f"{path}: is no JSON: {error}") from None
+    if not isinstance(found, dict) or "glvis_schema" not in found:
+        raise StudyError(f"{path}: is no result of glvis")
+    return found
+
+
+def _is_inside(name: object) -> bool:
+    """Return whether a name of a list that anybody may have written stays in its folder."""
+    return isinstance(name, str) and name != "" and not {"", "..", "."} & set(name.split("/"))
+
+
+def _made_folders(path: Path) -> list[Path]:
+    """Make a folder and those above it; return the new ones, outermost first."""
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    return missing[::-1]
+
+
+def _remove_if_empty(folder: Path) -> None:
+    try:
+        folder.rmdir()
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
+            raise
+
+
+@contextmanager
+def _machine_errors(path: Path) -> Iterator[None]:
+    """Say in one line what the file system refused."""
+    try:
+        yield
+    except (FileExistsError, NotADirectoryError) as error:
+        raise StudyError(f"{path}: cannot be a folder: {error.filename} is a file") from error
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be written to: {error.strerror or error}") from error

@@ -1,0 +1,131 @@
+"""What the command line says: lines, tables of text, and how far a search is."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
+
+from glvis.placement import Progress
+
+_SECONDS_BETWEEN_LINES = 5.0
+
+
+def say(text: str = "", *, error: bool = False) -> None:
+    """Write a line to standard output, or to standard error.
+
+    Nobody may be listening any more (``| head``): the run goes on without a word.
+    """
+    stream = sys.stderr if error else sys.stdout
+    try:
+        stream.write(f"{text}\n")
+        stream.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """Return lines with aligned columns: text to the left, numbers to the right."""
+    body = [[_cell(value) for value in row] for row in rows]
+    cells = [list(header), *body]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
+    is_text = [any(map(_is_text, column)) for column in zip(*body, strict=True)]
+    return [
+        "  "
+        + "  ".join(
+            cell.ljust(width) if left else cell.rjust(width)
+            for cell, width, left in zip(row, widths, is_text, strict=True)
+        ).rstrip()
+        for row in cells
+    ]
+
+
+def duration(seconds: float) -> str:
+    """Return a time as people say it: "0.4 s", "48 s", "3 min 20 s", "2 h 5 min"."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+@contextmanager
+def progress_shown() -> Iterator[Callable[[Progress], None]]:
+    """Give what a search tells its progress to: a bar on a terminal, else a line now and then."""
+    if sys.stderr.isatty():
+        with _bar() as show:
+            yield show
+    else:
+        yield _Lines(sys.stderr)
+
+
+class _Lines:
+    """A line for the first iteration, the last one, and every few seconds between."""
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream, self._clock = stream, clock
+        self._next = 0.0
+
+    def __call__(self, progress: Progress) -> None:
+        now = self._clock()
+        if now >= self._next or progress.iteration == progress.iterations:
+            self._next = now + _SECONDS_BETWEEN_LINES
+            say(_progress_line(progress), error=self._stream is sys.stderr)
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[Progress], None]]:
+    columns = (
+        TextColumn("iteration {task.completed:.0f}/{task.total:.0f}"),
+        BarColumn(bar_width=None),
+        TextColumn("{task.description}"),
+    )
+    with Bar(*columns, console=Console(stderr=True), transient=True, expand=True) as bar:
+        task = bar.add_task("", total=None, start=False)
+
+        def show(progress: Progress) -> None:
+            bar.update(
+                task,
+                total=progress.iterations,
+                completed=progress.iteration,
+                description=_numbers(progress),
+            )
+
+        yield show
+
+
+def _progress_line(progress: Progress) -> str:
+    return f"iteration {progress.iteration}/{progress.iterations}  {_numbers(progress)}"
+
+
+def _numbers(progress: Progress) -> str:
+    return (
+        f"best {progress.best:.6g}  mean {progress.mean:.6g}  "
+        f"{progress.evaluations_per_second:.3g} evaluations/s  "
+        f"{duration(progress.seconds_left)} left"
+    )
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def _is_text(cell: str) -> bool:
+    """Return whether a cell is no number, its unit left aside."""
+    try:
+        float(cell.replace(",", "").rstrip(" %"))
+    except ValueError:
+        return True
+    return False
