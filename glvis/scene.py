@@ -257,9 +257,7 @@ def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     except OSError:
         raise
     except ImportError as error:
-        raise ValueError(
-            f"cannot be read as {kind} without {error.name}: pip install 'glvis[mesh]'"
-        ) from error
+        raise ValueError(f"cannot be read as {kind}: {error}; pip install 'glvis[mesh]'") from error
     except Exception as error:  # each of trimesh's readers fails in its own way
         raise ValueError(f"cannot be read as {kind}: {_first_line(error)}") from error
     if not parts:
