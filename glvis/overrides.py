@@ -62,7 +62,7 @@ def written(source: str, changes: Changes) -> str:
     document = tomlkit.parse(source)
     for path, value in changes.items():
         _assign(plain, path, value)
-        _assign(document, path, value)
+        _assign(document, path, _item(path, value))
     text = tomlkit.dumps(document)
     if tomllib.loads(text) == plain:
         return text
@@ -155,6 +155,27 @@ def _hint(name: str) -> str:
     return nearest(name, StudyTable.model_fields)
 
 
+def _item(path: Sequence[str | int], value: Any) -> Any:
+    """Return a value as tomlkit is to write it."""
+    if isinstance(value, dict) and path[0] == "sensor":
+        table = tomlkit.table()
+        table.update(value)
+        table.add(tomlkit.nl())
+        return table
+    item = tomlkit.value(_one_line(value))
+    if isinstance(item, TomlArray) and sum(len(str(entry)) for entry in item) > 80:
+        item.multiline(True)
+    return item
+
+
+def _one_line(value: Any) -> str:
+    """Return a value in TOML, tables in braces."""
+    if not isinstance(value, dict):
+        return tomlkit.item(value).as_string()
+    pairs = (f"{tomlkit.key(key).as_string()} = {_one_line(v)}" for key, v in value.items())
+    return "{ " + ", ".join(pairs) + " }"
+
+
 def _assign(node: Any, path: Sequence[str | int], value: Any) -> None:
     """Set a value in nested tables, of plain dicts or of tomlkit."""
     for part in path[:-1]:
@@ -162,6 +183,3 @@ def _assign(node: Any, path: Sequence[str | int], value: Any) -> None:
             node[part] = {}
         node = node[part]
     node[path[-1]] = copy.deepcopy(value)
-    new = node[path[-1]]
-    if isinstance(new, TomlArray) and sum(len(str(entry)) for entry in new) > 80:
-        new.multiline(True)

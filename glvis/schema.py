@@ -51,6 +51,11 @@ class Table(BaseModel):
         return data
 
 
+def _given(table: Table) -> dict[str, Any]:
+    """Return what the file says of a table, without the defaults."""
+    return {key: getattr(table, key) for key in table.model_fields_set}
+
+
 def _within(allowed: str, test: Any) -> AfterValidator:
     """Return a check that says what is allowed where ``test`` of the value is false."""
 
@@ -183,7 +188,7 @@ class VisibilityTable(Table):
 
     def to_options(self) -> VisibilityOptions:
         """Return the options; ``semantics`` goes before the single choices."""
-        given: dict[str, Any] = {key: getattr(self, key) for key in self.model_fields_set}
+        given = _given(self)
         if isinstance(self.resolution, list):
             given["resolution"] = (self.resolution[0], self.resolution[1])
         if given.pop("semantics", None) is None:
@@ -293,7 +298,8 @@ class ObjectiveTable(Table):
 
     def to_objective(self) -> Objective:
         """Return the objective; single weights go before those of the set."""
-        given = self.model_dump(exclude={"weights"}, exclude_none=True)
+        given = _given(self)
+        given.pop("weights", None)
         terms = dict(zip(("w_tot", "w_of1", "w_of2"), TERM_WEIGHTS[self.weights], strict=True))
         overlap = tuple(given.pop("overlap", OVERLAP_WEIGHTS[self.weights]))
         return Objective(**(terms | given), overlap=overlap)
@@ -341,7 +347,7 @@ class StudyTable(Table):
 
     def swarm_options(self) -> SwarmOptions:
         """Return the options of the swarm; what the table leaves open has its default."""
-        return SwarmOptions(**self.swarm.model_dump(exclude_unset=True))
+        return SwarmOptions(**_given(self.swarm))
 
 
 def catalogue(unit: str) -> dict[str, Sensor]:
