@@ -59,15 +59,19 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
 def written(source: str, changes: Changes) -> str:
     """Return TOML text with some values replaced and all its comments kept."""
     plain: dict[str, Any] = tomllib.loads(source)
-    document = tomlkit.parse(source)
     for path, value in changes.items():
         _assign(plain, path, value)
-        _assign(document, path, _item(path, value))
-    text = tomlkit.dumps(document)
-    if tomllib.loads(text) == plain:
-        return text
-    # A study whose tables are torn apart can be more than tomlkit puts together again: the
-    # values matter more than the comments.
+    try:
+        document = tomlkit.parse(source)
+        for path, value in changes.items():
+            _assign(document, path, _item(path, value))
+        text = tomlkit.dumps(document)
+        if tomllib.loads(text) == plain:
+            return text
+    except ValueError:
+        pass
+    # tomlkit cannot edit every way of writing tables; then the values matter more than the
+    # comments.
     return tomlkit.dumps(plain)
 
 

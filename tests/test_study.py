@@ -479,6 +479,16 @@ min_pixels = 2
     assert (tables["swarm"]["seed"], tables["visibility"]["min_pixels"]) == (4, 2)
 
 
+def test_a_study_that_cannot_be_edited_in_place_is_written_anew(load):
+    table = "hfov_deg = 60, vfov_deg = 40, resolution = [64, 48], max_distance = 900"
+    inline = f"sensor = {{ b = {{ {table} }} }}  # in one line\n" + FIXED
+    study = load(inline, "sensor.d415.max_distance=400")
+    assert study.sensors[0].max_distance == 400
+    tables = tomllib.loads(study.text)
+    assert tables["sensor"]["b"]["max_distance"] == 900
+    assert tables["sensor"]["d415"]["max_distance"] == 400
+
+
 def test_the_arm_study_reads_the_real_arms(load, shared_data):
     study = load(
         FIXED.replace("ball.off", f"{shared_data}/arms/arm*.stl"),
