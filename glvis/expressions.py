@@ -62,7 +62,8 @@ def parse_linear(text: str) -> Linear:
     if len(text) > _LONGEST:
         raise ValueError(f"has {len(text)} characters, more than {_LONGEST}")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        # a null byte is a ValueError of its own before Python 3.11.4; no more allowed than "?"
+        tree = ast.parse(text.strip().replace("\0", "?"), mode="eval").body
         linear = _linear(tree)
     except (SyntaxError, RecursionError, MemoryError):
         raise ValueError("is no expression of numbers, names, + - * / and brackets") from None
