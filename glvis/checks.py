@@ -12,7 +12,7 @@ from glvis.mounts import Array
 from glvis.scene import Model
 from glvis.study import Study
 
-_SAMPLE = 20_000  # vertices a model, enough to say where it lies
+_SAMPLE = 20_000  # faces or vertices a model, enough to say where it lies
 # Sizes of a model, in longest working ranges, beyond which the unit is in doubt.
 _TINY, _HUGE = 0.05, 50.0
 
@@ -60,7 +60,8 @@ def _distance(model: Model, poses: Array, study: Study) -> str:
             f"{model.name}: is {size:.3g} {study.unit} across, the sensors reach {reach:.3g} "
             f"{study.unit}; {doubt}"
         )
-    depths = -_in_cameras(model, poses)[..., 2]
+    points = model.vertices[:: -(-len(model.vertices) // _SAMPLE)]
+    depths = np.stack([-_in_camera(points, pose)[:, 2] for pose in poses])
     nearest = np.array([sensor.min_distance for sensor in study.sensors])
     farthest = np.array([sensor.max_distance for sensor in study.sensors])
     if (depths > farthest[:, None]).all():
@@ -80,24 +81,33 @@ def _blind(poses: Array, study: Study) -> list[str]:
     """Return the sensors that have nothing in view and range at the start."""
     is_blind = np.ones(len(poses), dtype=bool)
     for model in study.models:
-        points = _in_cameras(model, poses)
+        faces = model.faces[:: -(-model.n_faces // _SAMPLE)]
+        corners = model.vertices[faces]
         for index, sensor in enumerate(study.sensors):
-            depth = -points[index, :, 2]
-            in_range = (depth > 0) & (depth >= sensor.min_distance) & (depth <= sensor.max_distance)
-            edge = sensor.intrinsics.tan_half * depth[:, None]
-            in_view = (np.abs(points[index, :, :2]) <= edge).all(axis=1)
-            is_blind[index] &= not (in_range & in_view).any()
+            points = _in_camera(corners, poses[index])
+            depth = -points[..., 2]
+            edge = sensor.intrinsics.tan_half * depth[..., None]
+            # How far each corner lies outside of each plane; a face that has all its corners
+            # outside of one plane is out of view, however large it is.
+            outside = np.stack(
+                [
+                    sensor.min_distance - depth,
+                    depth - sensor.max_distance,
+                    *np.moveaxis(points[..., :2] - edge, -1, 0),
+                    *np.moveaxis(-points[..., :2] - edge, -1, 0),
+                ]
+            )
+            is_blind[index] &= bool((outside > 0).all(axis=-1).any(axis=0).all())
     if is_blind.all():
         return ["at the start no sensor has any part of a model in view and range"]
     blind = [name for name, alone in zip(study.sensor_names, is_blind, strict=True) if alone]
     return [f"{name}: has no part of a model in view and range at the start" for name in blind]
 
 
-def _in_cameras(model: Model, poses: Array) -> Array:
-    """Return some vertices of a model in every camera's frame, (S, N, 3)."""
-    points = model.vertices[:: -(-len(model.vertices) // _SAMPLE)]
-    to_camera = rigid_inverse(poses)
-    return np.asarray(points @ np.swapaxes(to_camera[:, :3, :3], 1, 2) + to_camera[:, None, :3, 3])
+def _in_camera(points: Array, pose: Array) -> Array:
+    """Return points (..., 3) of the world in a camera's frame."""
+    to_camera = rigid_inverse(pose)
+    return np.asarray(points @ to_camera[:3, :3].T + to_camera[:3, 3])
 
 
 def _volume(model: Model) -> float:
