@@ -1,29 +1,33 @@
 """From positions of the variables to values of the objective: the cost of the search.
 
-An evaluator belongs to the process that made it, with its OpenGL context. Maps are kept by pose:
-a sensor that did not move, or a mount that is fixed, is rendered once.
+Maps are kept by pose: a sensor that did not move, or a mount that is fixed, is rendered once.
+Who renders, this process or others, is the business of ``maps`` and ``workers``; values are
+the same to the last bit.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.clusters import Clusters
-from glvis.context import GlInfo, gl_info
-from glvis.mapper import Mapper
-from glvis.renderer import Renderer, Surface
+from glvis.context import GlInfo
+from glvis.maps import Bits, LocalMaps, MapJob, MapMaker, MapScene
 from glvis.study import Study
 from glvis.visibility import VisibilityMap
 
 Floats = NDArray[np.float64]
 
 _CACHE_BYTES = 256 << 20  # of maps, one bit a face
-_ENTRY_BYTES = 600  # about what Python keeps beside the bits: key, pose, array, links
-_CHUNK_BYTES = 8 << 20  # of maps made at once, one byte a face
+_ENTRY_BYTES = 400  # about what Python keeps beside the bits: key, array, links
+_MOST_POSES = 1 << 14  # kept at most: enough for any search, and their keys fit a checkpoint
+_BATCH_BYTES = 64 << 20  # of maps asked for at once, one bit a face
+_JOB_BYTES, _JOB_MAPS = 8 << 20, 128  # of maps made at once, one byte a face
+_KEY_BYTES = 16
 
 
 class Evaluator:
@@ -33,6 +37,8 @@ class Evaluator:
     ----------
     study : Study
         Models, obstacles, sensors, variables, objective.
+    maps : MapMaker, optional
+        Who renders; released with the evaluator. Without it, this process does.
     cache_bytes : int
         Memory for maps of poses met before, bytes; 0 keeps none.
     tiles : int, optional
@@ -40,6 +46,8 @@ class Evaluator:
 
     Attributes
     ----------
+    gl : GlInfo
+        Who draws.
     maps_rendered : int
         Maps made so far, those found in the cache not counted.
 
@@ -55,22 +63,23 @@ class Evaluator:
     """
 
     def __init__(
-        self, study: Study, *, cache_bytes: int = _CACHE_BYTES, tiles: int | None = None
+        self,
+        study: Study,
+        *,
+        maps: MapMaker | None = None,
+        cache_bytes: int = _CACHE_BYTES,
+        tiles: int | None = None,
     ) -> None:
         self.study = study
-        self.gl: GlInfo = gl_info()
+        self._maps = maps or LocalMaps(MapScene.of(study), tiles)
+        self.gl: GlInfo = self._maps.gl
         self.maps_rendered = 0
-        self._tiles = tiles
-        self._renderers: dict[tuple[int, int], Renderer] = {}
-        origin = study.models[0].bounds.mean(axis=0)
-        self._obstacles = [
-            Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in study.obstacles
-        ]
-        self._mappers = [
-            Mapper(model, self._obstacles, study.visibility, origin, self._renderer_of)
-            for model in study.models
-        ]
-        self._cache = _MapCache(cache_bytes)
+        # where the bits of each model begin in those of a pose
+        widths = [(model.n_faces + 7) // 8 for model in study.models]
+        self._begin = np.cumsum([0, *widths])
+        self._pose_bytes = int(self._begin[-1])
+        kept = min(_MOST_POSES, cache_bytes // (self._pose_bytes + _ENTRY_BYTES))
+        self._cache = _PoseCache(kept)
 
     def __enter__(self) -> Evaluator:
         return self
@@ -79,29 +88,38 @@ class Evaluator:
         self.release()
 
     def release(self) -> None:
-        """Give the GPU's memory back."""
-        for mapper in self._mappers:
-            mapper.release()
-        for surface in self._obstacles:
-            surface.release()
-        for renderer in self._renderers.values():
-            renderer.release()
-        self._renderers.clear()
+        """Give back the GPU's memory, or other processes."""
+        self._maps.release()
 
     def __call__(self, positions: ArrayLike) -> Floats:
         """Return the objective of positions (P, D) or (D,), as (P,) float64; larger is better."""
-        x = np.atleast_2d(np.asarray(positions, dtype=float))
-        return self.study.objective.aggregated(self.values_by_model(x))
+        return self.study.objective.aggregated(self.values_by_model(positions))
 
-    def values_by_model(self, positions: ArrayLike) -> Floats:
-        """Return the objective on each model, (P, M) float64."""
-        poses = self.study.rig.poses(np.atleast_2d(np.asarray(positions, dtype=float)))
-        objective = self.study.objective
-        values = np.zeros((len(poses), len(self._mappers)))
-        for m, model in enumerate(self.study.models):
-            for p, visible in enumerate(self._maps(m, poses)):
-                values[p, m] = objective.terms(visible.sum(axis=0), model.areas)["value"]
-        return values
+    def values_by_model(self, positions: ArrayLike, sensors: Sequence[int] | None = None) -> Floats:
+        """Return the objective on each model, (P, M) float64; see ``each``."""
+        rows = list(self.each(positions, sensors))
+        return np.array(rows).reshape(len(rows), len(self.study.models))
+
+    def each(self, positions: ArrayLike, sensors: Sequence[int] | None = None) -> Iterator[Floats]:
+        """Yield the objective on each model (M,), position by position.
+
+        Parameters
+        ----------
+        positions : (P, D) or (D,) float
+            In the units of the study file.
+        sensors : sequence of int, optional
+            Only these sensors look; without it all S.
+        """
+        study = self.study
+        x = np.atleast_2d(np.asarray(positions, dtype=float))
+        looking = list(range(len(study.sensors))) if sensors is None else list(sensors)
+        for bits in self._bits(study.rig.poses(x)[:, looking], looking):
+            values = np.zeros(len(study.models))
+            for m, model in enumerate(study.models):
+                seen = self._visible(bits, m)
+                counts = np.add.reduce(seen, axis=0, dtype=np.min_scalar_type(len(looking)))
+                values[m] = study.objective.terms(counts, model.areas)["value"]
+            yield values
 
     def visibility(self, position: ArrayLike) -> list[VisibilityMap]:
         """Return the visibility maps of one position (D,), one a model."""
@@ -110,67 +128,126 @@ class Evaluator:
     def visibility_of_poses(self, camera_to_world: Floats) -> list[VisibilityMap]:
         """Return the visibility maps of given poses (S, 4, 4) of the sensors, one a model."""
         names = self.study.rig.sensor_names
+        bits = next(self._bits(camera_to_world[None], range(len(names))))
         return [
-            VisibilityMap(model.name, names, next(self._maps(m, camera_to_world[None])))
+            VisibilityMap(model.name, names, self._visible(bits, m).view(bool))
             for m, model in enumerate(self.study.models)
         ]
 
-    def _renderer_of(self, resolution: tuple[int, int]) -> Renderer:
-        if resolution not in self._renderers:
-            self._renderers[resolution] = Renderer(resolution, self._tiles)
-        return self._renderers[resolution]
+    @property
+    def known_poses(self) -> NDArray[np.uint8]:
+        """Keys of the poses whose maps are kept, (K, 16), the one not used for longest first."""
+        keys = b"".join(self._cache.keys())
+        return np.frombuffer(keys, dtype=np.uint8).reshape(-1, _KEY_BYTES)
 
-    def _maps(self, m: int, poses: Floats) -> Iterator[NDArray[np.bool_]]:
-        """Yield the maps (S, F) of model ``m`` for poses (P, S, 4, 4), position by position."""
-        map_bytes = poses.shape[1] * self.study.models[m].n_faces
-        at_once = max(1, _CHUNK_BYTES // map_bytes)
+    def recall(self, known_poses: NDArray[np.uint8]) -> None:
+        """Count as another run did: ``known_poses`` were rendered there.
+
+        Their maps are made again when asked for, and not counted.
+        """
+        for key in known_poses:
+            self._cache.put(key.tobytes(), None)
+
+    def _visible(self, bits: Bits, m: int) -> NDArray[np.uint8]:
+        """Return one model's map (S, F), 0 or 1, out of the bits of all (S, B)."""
+        mine = bits[:, self._begin[m] : self._begin[m + 1]]
+        return np.unpackbits(mine, axis=1, count=self.study.models[m].n_faces)
+
+    def _bits(self, poses: Floats, looking: Sequence[int]) -> Iterator[Bits]:
+        """Yield the maps of all models (S, B), one bit a face, for poses (P, S, 4, 4)."""
+        at_once = max(1, _BATCH_BYTES // (len(looking) * self._pose_bytes))
         for first in range(0, len(poses), at_once):
-            yield from self._chunk(m, poses[first : first + at_once])
+            yield from self._batch(poses[first : first + at_once], looking)
 
-    def _chunk(self, m: int, poses: Floats) -> NDArray[np.bool_]:
-        """Return the maps (P, S, F) of model ``m``; each pose is rendered once."""
-        study, mapper = self.study, self._mappers[m]
-        visible = np.zeros((*poses.shape[:2], study.models[m].n_faces), dtype=bool)
-        for sensor in dict.fromkeys(study.sensors):
-            slots = [s for s, other in enumerate(study.sensors) if other is sensor]
-            missing: dict[_Key, list[tuple[int, int]]] = {}
-            for place in ((p, s) for p in range(len(poses)) for s in slots):
-                key = (m, sensor.name, poses[place].tobytes())
-                found = self._cache.get(key)
-                if found is None:
-                    missing.setdefault(key, []).append(place)
-                else:
-                    visible[place] = np.unpackbits(found, count=visible.shape[2])
-            if missing:
-                new = np.stack([poses[places[0]] for places in missing.values()])
-                self.maps_rendered += len(new)
-                maps = mapper.visible(new, sensor)
-                for (key, places), seen in zip(missing.items(), maps, strict=True):
-                    self._cache.put(key, np.packbits(seen))
-                    for place in places:
-                        visible[place] = seen
-        return visible
+    def _batch(self, poses: Floats, looking: Sequence[int]) -> Iterator[Bits]:
+        """Do the same for as many as are held at once; each pose is rendered once."""
+        sensors = self.study.sensors
+        # one representative a kind: the same object is the same kind
+        first_of = {id(sensors[s]): s for s in reversed(looking)}
+        kinds = [first_of[id(sensors[s])] for s in looking]
+        keys: list[list[bytes]] = []
+        held: dict[bytes, Bits | None] = {}  # of this batch, so that no pose is lost before use
+        missing: list[dict[bytes, tuple[int, int]]] = []  # where each new pose stands
+        for places in poses:
+            keys.append(
+                [_key(sensors[kind].name, pose) for kind, pose in zip(kinds, places, strict=True)]
+            )
+            new = {}
+            for s, key in enumerate(keys[-1]):
+                if key not in held:
+                    is_known, held[key] = self._cache.get(key)
+                    self.maps_rendered += 0 if is_known else len(self.study.models)
+                    if held[key] is None:
+                        new[key] = (kinds[s], s)
+            missing.append(new)
+        blocks = self._blocks([len(new) for new in missing])
+        jobs, wanted = self._jobs(poses, missing, blocks)
+        made = self._maps.make(jobs)
+        for block, by_kind in zip(blocks, wanted, strict=True):
+            for new_keys in by_kind:
+                bits = np.concatenate([next(made) for _ in self.study.models], axis=1)
+                held.update(zip(new_keys, bits, strict=True))
+            for p in block:
+                for key in keys[p]:
+                    self._cache.put(key, held[key])
+                yield np.stack([cast(Bits, held[key]) for key in keys[p]])
+
+    def _blocks(self, new_poses: Sequence[int]) -> list[range]:
+        """Return runs of positions whose new poses make jobs of a good size."""
+        widest = max(model.n_faces for model in self.study.models)
+        most = max(1, min(_JOB_MAPS, _JOB_BYTES // widest))
+        blocks, first, n = [], 0, 0
+        for p, new in enumerate(new_poses):
+            if n and n + new > most:
+                blocks.append(range(first, p))
+                first, n = p, 0
+            n += new
+        return [*blocks, range(first, len(new_poses))]
+
+    def _jobs(
+        self,
+        poses: Floats,
+        missing: Sequence[dict[bytes, tuple[int, int]]],
+        blocks: Sequence[range],
+    ) -> tuple[list[MapJob], list[list[list[bytes]]]]:
+        """Return what to render, and by block and kind of sensor the keys it is for."""
+        jobs: list[MapJob] = []
+        wanted: list[list[list[bytes]]] = []
+        for block in blocks:
+            by_kind: dict[int, list[tuple[bytes, int, int]]] = {}
+            for p in block:
+                for key, (kind, s) in missing[p].items():
+                    by_kind.setdefault(kind, []).append((key, p, s))
+            for kind, found in by_kind.items():
+                stack = np.stack([poses[p, s] for _, p, s in found])
+                jobs += [MapJob(m, kind, stack) for m in range(len(self.study.models))]
+            wanted.append([[key for key, _, _ in found] for found in by_kind.values()])
+        return jobs, wanted
 
 
-_Key = tuple[int, str, bytes]  # model, sensor kind, pose
+def _key(kind: str, pose: Floats) -> bytes:
+    """Return what stands for a sensor at a pose."""
+    text = pose.tobytes() + kind.encode()
+    return hashlib.blake2b(text, digest_size=_KEY_BYTES).digest()
 
 
-class _MapCache:
-    """Maps by model, sensor and pose; the one not asked for longest leaves first."""
+class _PoseCache:
+    """Maps by pose; the one not asked for longest leaves first. A pose may be known without."""
 
-    def __init__(self, max_bytes: int) -> None:
-        self._max_bytes, self._bytes = max_bytes, 0
-        self._maps: OrderedDict[_Key, NDArray[np.uint8]] = OrderedDict()
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._bits: OrderedDict[bytes, Bits | None] = OrderedDict()
 
-    def get(self, key: _Key) -> NDArray[np.uint8] | None:
-        found = self._maps.get(key)
-        if found is not None:
-            self._maps.move_to_end(key)
-        return found
+    def keys(self) -> Iterator[bytes]:
+        return iter(self._bits)
 
-    def put(self, key: _Key, bits: NDArray[np.uint8]) -> None:
-        self._maps[key] = bits
-        self._bytes += bits.nbytes + _ENTRY_BYTES
-        while self._bytes > self._max_bytes:
-            _, oldest = self._maps.popitem(last=False)
-            self._bytes -= oldest.nbytes + _ENTRY_BYTES
+    def get(self, key: bytes) -> tuple[bool, Bits | None]:
+        """Return whether the pose is known, and its maps if they are there."""
+        return key in self._bits, self._bits.get(key)
+
+    def put(self, key: bytes, bits: Bits | None) -> None:
+        """Keep the maps of a pose, as the one asked for last."""
+        self._bits[key] = bits
+        self._bits.move_to_end(key)
+        while len(self._bits) > self._most:
+            self._bits.popitem(last=False)

@@ -29,8 +29,6 @@ __all__ = ["Placement", "Progress", "TraceRow", "evaluate_poses", "place_sensors
 Floats = NDArray[np.float64]
 
 ONLY_EVALUATED = "evaluated only"
-# Positions between two looks at whether somebody wants the run to end.
-_SLICE = 8
 
 
 class TraceRow(NamedTuple):
@@ -293,13 +291,12 @@ def _seen(evaluator: Evaluator, poses: Floats) -> tuple[tuple[VisibilityMap, ...
 
 def _values(evaluator: Evaluator, positions: Floats, interrupted: list[str]) -> Floats | None:
     """Return the values of positions (P, D), or None where somebody wants the run to end."""
-    values = np.zeros(len(positions))
-    for first in range(0, len(positions), _SLICE):
+    by_model = []
+    for values in evaluator.each(positions):
         if interrupted:
             return None
-        part = slice(first, first + _SLICE)
-        values[part] = evaluator(positions[part])
-    return values
+        by_model.append(values)
+    return evaluator.study.objective.aggregated(np.array(by_model))
 
 
 def _trace_row(search: Swarm, maps_rendered: int, clock: _Clock) -> TraceRow:

@@ -5,7 +5,7 @@ import signal
 
 import numpy as np
 import pytest
-from studies import write_small_study
+from small_study import write_small_study
 
 from glvis.evaluator import Evaluator
 from glvis.placement import evaluate_poses, place_sensors
@@ -109,15 +109,15 @@ def test_signal_ends_the_run_with_the_best_so_far(study, number, word):
 
 
 def test_interrupt_in_the_first_iteration_gives_the_start(study, monkeypatch):
-    evaluate = Evaluator.__call__
+    each = Evaluator.each
 
-    def interrupted(self, positions):
-        if len(np.atleast_2d(positions)) > 1:
-            os.kill(os.getpid(), signal.SIGINT)
-        return evaluate(self, positions)
+    def interrupted(self, positions, *rest):
+        for place, values in enumerate(each(self, positions, *rest)):
+            if place == 2:
+                os.kill(os.getpid(), signal.SIGINT)
+            yield values
 
-    monkeypatch.setattr("glvis.placement._SLICE", 2)
-    monkeypatch.setattr(Evaluator, "__call__", interrupted)
+    monkeypatch.setattr(Evaluator, "each", interrupted)
     placement = place_sensors(study)
     monkeypatch.undo()
     assert_complete(placement)
