@@ -1,0 +1,125 @@
+// Who sees what: shares, colours and readings, all from the bits of the visibility maps.
+
+// Entries of the palette texture; then S sensors, then counts 1 .. S.
+const UNSEEN = 0, SEEN = 1, DIM = 2, OBSTACLE = 3, FIRST_SENSOR = 4;
+
+/** Sensors as the page uses them: axes and centre out of camera_to_world (row-major). */
+function readSensor(entry) {
+  const m = entry.camera_to_world;
+  const column = (c) => [m[0][c], m[1][c], m[2][c]];
+  const sensor = {
+    ...entry,
+    right: column(0), up: column(1), direction: scaled(column(2), -1), center: column(3),
+  };
+  const [w, h] = sensor.resolution, [tx, ty] = sensor.tan_half;
+  sensor.focal2 = w * h / (4 * tx * ty); // pixels per steradian on the axis
+  return sensor;
+}
+
+/** Where a face lies before a sensor: depth along the axis and cosine of the incidence. */
+function faceSeenFrom(mesh, face, sensor, incidence) {
+  const k = 3 * face, c = mesh.centroids, n = mesh.normals;
+  const ray = [c[k] - sensor.center[0], c[k + 1] - sensor.center[1], c[k + 2] - sensor.center[2]];
+  const normal = [n[k], n[k + 1], n[k + 2]];
+  const along = incidence === 'axis' ? sensor.direction : scaled(ray, 1 / (norm(ray) || 1));
+  return { ray, depth: dot(ray, sensor.direction), cosine: -dot(normal, along) };
+}
+
+/** Why a face is not seen, judged at its centre; what is left over must be hidden. */
+function whyUnseen(sensor, { ray, depth, cosine }) {
+  const inside = depth > 0 &&
+    Math.abs(dot(ray, sensor.right)) <= sensor.tan_half[0] * depth &&
+    Math.abs(dot(ray, sensor.up)) <= sensor.tan_half[1] * depth;
+  if (!inside) return 'outside its view';
+  if (cosine <= 0) return 'faces away';
+  if (depth < sensor.min_distance) return 'too near';
+  if (depth > sensor.max_distance) return 'too far';
+  if (cosine < Math.cos(sensor.max_incidence)) return 'too oblique';
+  return 'hidden';
+}
+
+/** Everything the page tells about one model with some sensors on. */
+function coverage(mesh, sensors, on) {
+  const S = sensors.length, F = mesh.nFaces;
+  const counts = new Uint16Array(F);
+  const last = new Uint16Array(F); // the one sensor, where there is only one
+  const seen = mesh.seen ??= sensors.map((_, s) => {
+    let n = 0;
+    for (let f = 0; f < F; f++) n += mesh.sees(s, f);
+    return n;
+  });
+  for (let s = 0; s < S; s++)
+    if (on[s]) for (let f = 0; f < F; f++) if (mesh.sees(s, f)) { counts[f]++; last[f] = s; }
+  const exactly = new Array(S + 1).fill(0); // faces seen by exactly 0, 1, ... sensors
+  const alone = new Array(S).fill(0);
+  let unseenArea = 0;
+  for (let f = 0; f < F; f++) {
+    exactly[counts[f]]++;
+    if (counts[f] === 0) unseenArea += mesh.areas[f];
+    else if (counts[f] === 1) alone[last[f]]++;
+  }
+  return { counts, exactly, seen, alone, unseenArea };
+}
+
+/** The sensor that is on and shows each face with the most pixels; -1 where none sees it. */
+function bestSensor(mesh, sensors, on) {
+  const best = new Int16Array(mesh.nFaces).fill(-1);
+  const detail = new Float32Array(mesh.nFaces).fill(-1);
+  sensors.forEach((sensor, s) => {
+    if (!on[s]) return;
+    const [cx, cy, cz] = sensor.center, c = mesh.centroids, n = mesh.normals;
+    for (let f = 0, k = 0; f < mesh.nFaces; f++, k += 3) {
+      if (!mesh.sees(s, f)) continue;
+      const x = c[k] - cx, y = c[k + 1] - cy, z = c[k + 2] - cz;
+      const r2 = x * x + y * y + z * z || 1;
+      const cosine = -(x * n[k] + y * n[k + 1] + z * n[k + 2]) / Math.sqrt(r2);
+      const pixels = sensor.focal2 * Math.max(cosine, 0) / r2;
+      if (pixels > detail[f]) { detail[f] = pixels; best[f] = s; }
+    }
+  });
+  return best;
+}
+
+/** The palette entry of each face; `focus` is a sensor whose faces alone keep a colour, or -1. */
+function paint(mesh, sensors, { mode, on, focus }, counts) {
+  const S = sensors.length, out = new Uint16Array(mesh.nFaces);
+  const best = mode === 'sensor' && focus < 0 ? bestSensor(mesh, sensors, on) : null;
+  for (let f = 0; f < out.length; f++) {
+    const count = counts[f];
+    if (focus >= 0) out[f] = mesh.sees(focus, f) ? FIRST_SENSOR + focus : count || mode !== 'unseen' ? DIM : UNSEEN;
+    else if (!count) out[f] = UNSEEN;
+    else if (mode === 'unseen') out[f] = SEEN;
+    else out[f] = FIRST_SENSOR + (mode === 'overlap' ? S + count - 1 : best[f]);
+  }
+  return out;
+}
+
+/** Connected patches of unseen faces, largest area first: { area, nFaces, center, normal, radius }. */
+function gaps(mesh, counts) {
+  const { faces, centroids: c } = mesh;
+  const parent = new Uint32Array(mesh.vertices.length / 3).map((_, v) => v); // a forest over the vertices
+  const root = (v) => {
+    while (parent[v] !== v) v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  for (let f = 0; f < mesh.nFaces; f++)
+    if (!counts[f]) for (const k of [1, 2]) parent[root(faces[3 * f + k])] = root(faces[3 * f]);
+  const patches = new Map();
+  for (let f = 0; f < mesh.nFaces; f++) {
+    if (counts[f]) continue;
+    const key = root(faces[3 * f]), area = mesh.areas[f];
+    let patch = patches.get(key);
+    if (!patch) patches.set(key, patch = { area: 0, faces: [], center: [0, 0, 0], normal: [0, 0, 0] });
+    patch.area += area;
+    patch.faces.push(f);
+    for (let j = 0; j < 3; j++) {
+      patch.center[j] += area * c[3 * f + j];
+      patch.normal[j] += area * mesh.normals[3 * f + j];
+    }
+  }
+  return [...patches.values()].filter((p) => p.area > 0).sort((a, b) => b.area - a.area).slice(0, 6).map((p) => {
+    const center = scaled(p.center, 1 / p.area);
+    const radius = p.faces.reduce((r, f) => Math.max(r, Math.hypot(c[3 * f] - center[0], c[3 * f + 1] - center[1], c[3 * f + 2] - center[2])), 0);
+    return { area: p.area, nFaces: p.faces.length, center, normal: p.normal, radius: Math.max(radius, Math.sqrt(p.area)) };
+  });
+}

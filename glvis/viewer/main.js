@@ -1,0 +1,294 @@
+// The page's state, and what happens when it changes. `window.glvis` is for tests and scripts.
+
+const study = JSON.parse(byId('study').textContent);
+const sensors = study.sensors.map(readSensor);
+const canvas = byId('canvas');
+const still = matchMedia('(prefers-reduced-motion: reduce)');
+const state = {
+  mode: 'sensor', model: 0, view: '3D', on: sensors.map(() => true),
+  focus: -1,   // sensor whose faces alone keep their colour
+  kept: -1,    // focus that stays when the pointer leaves the list
+  through: -1, // sensor that we look through
+  frusta: sensors.length <= 4, obstacles: true, labels: true, edges: false, cut: false,
+};
+const MODES = [
+  ['sensor', 'Sensors', 'Each face in the colour of the sensor that shows it with most pixels'],
+  ['overlap', 'Overlap', 'How many sensors see each face'],
+  ['unseen', 'Unseen', 'The faces that no sensor sees, also through what hides them'],
+];
+let models, painter, camera, glyphSize, covered;
+let things = {};          // what is on the GPU: model, obstacles, bodies
+let turned = 0;           // quarter turns that show the front of open scenes, radians
+let home = null;          // camera and view to go back to from a sensor's view
+let move = null;          // running blend of the camera
+let idsFresh = false, pending = false, marked = -1;
+let slow = false, lastFrame = 0, steered = -1e9, rest = 0; // see frame()
+
+// ---------------------------------------------------------------- drawing
+
+function redraw() {
+  idsFresh = false;
+  if (!pending) { pending = true; requestAnimationFrame(frame); }
+}
+
+function frame(time) {
+  pending = false;
+  if (move) {
+    const t = clamp((time - move.start) / move.duration, 0, 1);
+    camera.state = Camera.between(move.from, move.to, t * t * (3 - 2 * t));
+    if (t === 1) move = null;
+  }
+  // A scene too heavy for smooth motion is drawn coarser while it moves, and sharp at rest.
+  const moving = move !== null || time - steered < 200, interval = time - lastFrame;
+  if (moving && interval > 90 && interval < 400) slow = true;
+  lastFrame = time;
+  resize(slow && moving ? 0.5 : 1);
+  draw();
+  clearTimeout(rest);
+  rest = 0;
+  if (move) redraw();
+  else if (slow && moving) rest = setTimeout(redraw, 250);
+}
+
+function resize(quality = 1) {
+  const ratio = Math.min(devicePixelRatio || 1, 2) * quality;
+  const { clientWidth: w, clientHeight: h } = canvas;
+  if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) {
+    canvas.width = Math.max(1, Math.round(w * ratio));
+    canvas.height = Math.max(1, Math.round(h * ratio));
+  }
+  if (camera.width !== w || camera.height !== h) {
+    Object.assign(camera, { width: Math.max(w, 1), height: Math.max(h, 1) });
+    if (state.through >= 0) camera.state = camera.through(sensors[state.through]);
+  }
+}
+
+function visibleThings() {
+  const list = [things.model];
+  if (things.obstacles && state.obstacles) list.push(things.obstacles);
+  if (state.through < 0) list.push(things.bodies);
+  return list;
+}
+
+function draw() {
+  const shot = camera.shot();
+  // Over the viewer's left shoulder, and never from below.
+  const light = add(add(add(scaled(shot.direction, -1), shot.right, -0.45), shot.up, 0.55), camera.up, 0.35);
+  Object.assign(things.model, { edges: state.edges, marked, ghost: state.mode === 'unseen' && state.through < 0, cutAway: state.cut });
+  if (things.obstacles) things.obstacles.cutAway = state.cut;
+  painter.setLines(sensorLines(sensors, state, glyphSize));
+  painter.draw(visibleThings(), { ...shot, up: camera.up, keyLight: unit(light), pixel: canvas.width / camera.width });
+  placeLabels(shot);
+  placeScale(shot);
+}
+
+/** What lies under a CSS pixel: { kind: 'model' | 'obstacle' | 'sensor', face, ... } or null. */
+function pickAt(x, y) {
+  if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) return null;
+  if (!idsFresh) {
+    let firstId = 1;
+    const list = visibleThings();
+    for (const thing of list) { thing.firstId = firstId; firstId += thing.nFaces; }
+    painter.drawIds(list, camera.shot().worldToClip, Math.floor(camera.width), Math.floor(camera.height));
+    idsFresh = true;
+  }
+  const id = painter.idAt(x, y);
+  const thing = visibleThings().find((t) => id >= t.firstId && id < t.firstId + t.nFaces);
+  if (!id || !thing) return null;
+  const face = id - thing.firstId;
+  if (thing === things.model) return { kind: 'model', model: models[state.model].name, face };
+  if (thing === things.bodies) return { kind: 'sensor', sensor: Math.floor(face / BODY_FACES) };
+  return { kind: 'obstacle', name: study.obstacles[thing.owner[face]].name };
+}
+
+// ---------------------------------------------------------------- changes of state
+
+/** After any change of model, mode or sensors; `recount` where the numbers change too. */
+function refresh(recount = true) {
+  const mesh = models[state.model];
+  if (recount) {
+    covered = coverage(mesh, sensors, state.on);
+    covered.gaps = gaps(mesh, covered.counts);
+  }
+  painter.setPaint(things.model, paint(mesh, sensors, state, covered.counts));
+  const bodies = new Uint16Array(things.bodies.nFaces);
+  sensors.forEach((_, s) => bodies.fill(state.on[s] ? FIRST_SENSOR + s : DIM, s * BODY_FACES, (s + 1) * BODY_FACES));
+  painter.setPaint(things.bodies, bodies);
+  if (recount) showNumbers(mesh);
+  showState(mesh);
+  redraw();
+}
+
+function setModel(index) {
+  state.model = (index + models.length) % models.length;
+  const mesh = models[state.model];
+  if (!mesh.normals) measure(mesh);
+  if (things.model) painter.release(things.model);
+  things.model = painter.upload(corners(mesh));
+  marked = -1;
+  hideReadout();
+  refresh();
+}
+
+function setMode(mode) { state.mode = mode; refresh(false); }
+
+function setSensor(index, on) { state.on[index] = on; refresh(); }
+
+function setFocus(index) {
+  if (state.focus === index) return;
+  state.focus = index;
+  refresh(false);
+}
+
+/** Switch frusta, obstacles, labels, edges or cut. */
+function show(name, on) {
+  state[name] = on;
+  showState(models[state.model]);
+  redraw();
+}
+
+/** Move the camera there, smoothly unless the reader asked for less motion. */
+function go(to, duration = 420) {
+  if (still.matches || duration === 0) { move = null; camera.state = to; }
+  else move = { from: { ...camera.state }, to, start: performance.now(), duration };
+  redraw();
+}
+
+/** Room that the controls over the picture take, in CSS pixels. */
+function insets() {
+  const stage = canvas.getBoundingClientRect(), out = { top: 30, bottom: 30, side: 44 };
+  for (const id of ['modes', 'views', 'legend']) {
+    const box = byId(id).getBoundingClientRect();
+    if (box.top < stage.top + stage.height / 2) out.top = Math.max(out.top, box.bottom - stage.top + 36); // and a label
+    else out.bottom = Math.max(out.bottom, stage.bottom - box.top + 24);
+  }
+  return out;
+}
+
+/**
+ * The quarter turn from which the model shows its front. A closed body shows as much front as
+ * back from anywhere; furniture without backs, or half a room, does not.
+ */
+function bestTurn(mesh) {
+  const front = (turn) => {
+    const { direction: d } = camera.axes({ ...STANDARD['3D'], yaw: STANDARD['3D'].yaw + turn, roll: 0 });
+    let towards = 0, all = 1e-30;
+    for (let f = 0, k = 0; f < mesh.nFaces; f++, k += 3) {
+      const c = mesh.areas[f] * (mesh.normals[k] * d[0] + mesh.normals[k + 1] * d[1] + mesh.normals[k + 2] * d[2]);
+      towards += Math.max(-c, 0);
+      all += Math.abs(c);
+    }
+    return towards / all;
+  };
+  const quarter = Math.PI / 2;
+  return [quarter, 2 * quarter, 3 * quarter].reduce((best, turn) => (front(turn) > front(best) + 0.03 ? turn : best), 0);
+}
+
+function setView(name, duration) {
+  leaveSensor(0);
+  go(camera.standard(name, insets(), turned), duration);
+  markView(name);
+}
+
+/** Look through a sensor: its image fills the frame, only its own faces keep their colour. */
+function lookThrough(index, duration) {
+  if (state.through < 0) home = { camera: { ...(move ? move.to : camera.state) }, view: state.view };
+  state.through = (index + sensors.length) % sensors.length;
+  state.kept = state.focus = state.through;
+  refresh(false);
+  showThrough();
+  go(camera.through(sensors[state.through]), duration);
+}
+
+function leaveSensor(duration) {
+  if (state.through < 0) return;
+  state.through = state.kept = state.focus = -1;
+  refresh(false);
+  showThrough();
+  go(home.camera, duration);
+  markView(home.view);
+}
+
+/** Fly to a patch that nobody sees. */
+function goToGap(gap) {
+  leaveSensor(0);
+  setMode('unseen');
+  const d = norm(gap.normal) > 0.1 * gap.area ? scaled(unit(gap.normal), -1) : camera.axes().direction;
+  go({ ...camera.facing(d), target: gap.center, h: 2.2 * gap.radius, tan: PERSPECTIVE });
+  markView('');
+}
+
+// ---------------------------------------------------------------- start
+
+function buildScene(bytes) {
+  models = study.models.map((entry) => readMesh(bytes, entry));
+  const obstacles = study.obstacles.map((entry) => readMesh(bytes, entry));
+  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+  const include = (v) => {
+    for (let i = 0; i < v.length; i++) {
+      low[i % 3] = Math.min(low[i % 3], v[i]);
+      high[i % 3] = Math.max(high[i % 3], v[i]);
+    }
+  };
+  models.forEach((mesh) => include(mesh.vertices));
+  const box = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((j) => (k >> j & 1 ? high : low)[j]));
+  const inside = sensors.filter((s) => s.center.every((x, i) => x > low[i] && x < high[i]));
+  state.cut = inside.length > sensors.length / 2; // a room: look in through its walls
+  sensors.forEach((sensor) => include(sensor.center));
+  glyphSize = 0.032 * norm(sub(high, low));
+  const points = [...box, ...sensors.flatMap((s) => [s.center, add(s.center, s.direction, -0.6 * glyphSize)])];
+  obstacles.forEach((mesh) => include(mesh.vertices));
+  sensors.forEach((s) => include(add(s.center, s.direction, s.max_distance)));
+  camera = new Camera(study.up, {
+    center: scaled(add(low, high), 0.5), radius: norm(sub(high, low)) / 2, points });
+  resize();
+  painter.setPalette([
+    study.colors.unseen, study.colors.seen, study.colors.dim, study.colors.obstacle,
+    ...sensors.map((s) => s.rgb), ...study.colors.overlap.slice(1)]);
+  things.bodies = painter.upload(corners(sensorBodies(sensors, glyphSize)));
+  if (obstacles.length) {
+    const mesh = merged(obstacles);
+    things.obstacles = Object.assign(painter.upload(corners(mesh)), { owner: mesh.owner });
+    painter.setPaint(things.obstacles, new Uint16Array(mesh.nFaces).fill(OBSTACLE));
+  }
+}
+
+function say(message) {
+  byId('notice').textContent = message;
+  byId('notice').hidden = false;
+}
+
+async function start() {
+  byId('details').append(...details(study));
+  byId('subtitle').textContent = study.subtitle;
+  sensors.forEach((s) => { s.rgb = [1, 3, 5].map((i) => parseInt(s.color.slice(i, i + 2), 16)); });
+  painter = new Painter(canvas);
+  canvas.addEventListener('webglcontextlost', () => say('The graphics driver gave up. Load the page again.'));
+  const text = byId('meshes');
+  const bytes = await unpack(text.textContent);
+  text.remove(); // its memory is worth more than its presence
+  buildScene(bytes);
+  buildControls();
+  setModel(0);
+  turned = bestTurn(models[0]);
+  setView('3D', 0);
+  fromHash();
+  new ResizeObserver(redraw).observe(canvas);
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+  byId('notice').hidden = true;
+  window.glvis.firstPicture = performance.now();
+}
+
+window.glvis = {
+  ready: start().catch((error) => {
+    say(error.message);
+    throw error;
+  }),
+  state, pickAt, setMode, setModel, setSensor, setView, lookThrough, leaveSensor, show,
+  read: (face) => readFace(models[state.model], face),
+  frame: () => camera.frame(sensors[state.through]),
+  covered: () => covered,
+  camera: () => camera,
+  model: () => models[state.model],
+  settled: () => !move && !pending && !rest,
+};
