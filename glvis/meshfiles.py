@@ -39,7 +39,7 @@ def read_stl(path: Path) -> NDArray[Any]:
     # Binary files that start with "solid" exist, so the length decides before the word does.
     if size >= _STL_HEADER and promised == found and rest == 0:
         return _binary_corners(path, found)
-    if head.lstrip()[:5].lower() == b"solid" and b"\0" not in head:
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:5].lower() == b"solid" and b"\0" not in head:
         return _ascii_corners(path.read_bytes())
     if _looks_like_text(head):
         raise ValueError("is text but no STL: it does not start with 'solid'")

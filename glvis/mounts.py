@@ -39,6 +39,9 @@ from glvis.layout import (
 Array = NDArray[np.float64]
 
 
+# Beyond these numbers squares leave the range of floats, and nothing is meant.
+_FARTHEST, _SHORTEST = 1e12, 1e-100
+
 _NAME = re.compile(r"\w[\w.+ -]*")
 
 
@@ -157,7 +160,7 @@ class Rig:
         direction = np.where(is_aim, given - place, direction)
         # A sensor that the search moves onto the point it aims at looks along x: no pose is
         # better there than any other, and a search must not end in an error.
-        lost = (direction == 0).all(axis=-1, keepdims=True)
+        lost = (np.abs(direction) < _SHORTEST).all(axis=-1, keepdims=True)
         return np.where(lost, [1.0, 0.0, 0.0], direction)
 
     def _with_mirrors(self, poses: Array) -> Array:
@@ -216,6 +219,7 @@ def build_rig(
     for name, column in columns.items():
         if not matrix[..., column].any():
             raise ValueError(f"the variable '{name}' moves no sensor")
+    _check_reach(mounts, matrix, constant, free)
     found = tuple(
         _variable(name, spec, matrix[..., columns[name]], mounts) for name, spec in free.items()
     )
@@ -311,6 +315,20 @@ def _sensor_names(mounts: Sequence[Mount], up: Array) -> tuple[str, ...]:
     return tuple(names)
 
 
+def _check_reach(
+    mounts: Sequence[Mount], matrix: Array, constant: Array, free: Mapping[str, Free]
+) -> None:
+    """Refuse numbers that no scene needs and that squares could not hold."""
+    largest = np.array([max(abs(spec.min), abs(spec.max)) for spec in free.values()])
+    with np.errstate(over="ignore", invalid="ignore"):
+        reach = np.abs(constant) + (np.abs(matrix) * largest).sum(axis=-1)
+    for mount, row_reach in zip(mounts, reach, strict=True):
+        for row, place, _ in mount.numbers():
+            if not row_reach[row] <= _FARTHEST:
+                size = row_reach[row]
+                raise ValueError(f"{place} can be as large as {size:g}, more than {_FARTHEST:g}")
+
+
 def _check_numbers(rig: Rig) -> None:
     """Refuse negative radii, and mounts without a direction at the start."""
     low, high = rig.bounds.T
@@ -324,13 +342,14 @@ def _check_numbers(rig: Rig) -> None:
         given = numbers[index, ORIENTATION]
         if isinstance(mount.orientation, Aim) and np.array_equal(given, places[index]):
             raise ValueError(f"{mount.name}.aim is the sensor's own place at the start")
-        if isinstance(mount.orientation, Vector) and not given.any():
+        if isinstance(mount.orientation, Vector) and (np.abs(given) < _SHORTEST).all():
             raise ValueError(f"{mount.name}.direction is zero at the start")
 
 
 def _unit(vector: ArrayLike) -> Array:
     v = np.asarray(vector, dtype=float)
-    length = float(np.linalg.norm(v))
-    if v.shape != (3,) or not math.isfinite(length) or length == 0:
+    size = float(np.abs(v).max()) if v.shape == (3,) else 0.0
+    if not _SHORTEST < size < math.inf:
         raise ValueError(f"a direction needs three numbers, not all zero, got {v.tolist()}")
-    return v / length
+    v = v / size
+    return v / float(np.linalg.norm(v))

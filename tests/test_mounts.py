@@ -97,6 +97,14 @@ def test_roll_turns_the_image_by_the_right_hand_rule_about_the_axis():
     np.testing.assert_allclose(rolled[:3, 0], -Z, atol=1e-12)
 
 
+def test_the_length_of_up_does_not_matter():
+    flat = pose(mount(orientation=Angles(30.0, 20.0)), up=(0, 1, 0))
+    for length in (1e-90, 7.0, 1e300):
+        np.testing.assert_allclose(
+            pose(mount(orientation=Angles(30.0, 20.0)), up=(0, length, 0)), flat
+        )
+
+
 def test_up_of_the_study_is_up_in_the_unrolled_image():
     found = pose(mount(orientation=Vector((0.0, 1.0, -2.0))), up=(0, 3, 0))[0]
     assert found[:3, 0] @ Y == pytest.approx(0)
@@ -339,6 +347,13 @@ def test_a_sensor_moved_onto_its_aim_still_has_a_pose():
             "A.aim is the sensor's own place at the start",
         ),
         ({}, [mount(orientation=Vector(ORIGIN))], "A.direction is zero at the start"),
+        ({}, [mount(orientation=Vector((0.0, 1e-200, 0.0)))], "A.direction is zero at the start"),
+        ({}, [mount(roll=1e13)], "A.roll_deg can be as large as 1e+13, more than 1e+12"),
+        (
+            {"z": Free(-1e308, 1e308)},
+            [mount(place=(0.0, 0.0, text("2*z")))],
+            "A.position.z can be as large as inf, more than 1e+12",
+        ),
     ],
 )
 def test_rigs_that_cannot_be_built_say_why(variables, mounts, message):

@@ -192,6 +192,26 @@ def test_binary_stl_that_starts_with_solid_is_read_as_binary(saved):
     assert saved("a.stl", binary_stl(corners(cube()), header=b"solid exported")).n_faces == 12
 
 
+def test_ascii_stl_may_start_with_a_byte_order_mark(saved):
+    assert saved("a.stl", "\ufeff" + ascii_stl(corners(cube()))).n_faces == 12
+
+
+def test_a_large_stl_has_one_vertex_where_its_faces_meet(saved):
+    n = 200
+    x, y = np.meshgrid(np.arange(n + 1.0), np.arange(n + 1.0), indexing="ij")
+    points = np.stack([x, y, np.sin(x) * np.cos(y)], axis=-1).reshape(-1, 3)
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    quads = np.stack([first, first + n + 1, first + n + 2, first + 1], axis=1)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    facets = np.zeros(len(faces), dtype="(12,)<f4, <u2")
+    facets["f0"][:, 3:] = points[faces].reshape(-1, 9)
+    head = b"\0" * 80 + struct.pack("<I", len(faces))
+    found = saved("sheet.stl", head + facets.tobytes())
+    assert len(found.vertices) == (n + 1) ** 2
+    assert found.boundary_edges == 4 * n and found.is_consistent
+    np.testing.assert_array_equal(found.vertices[found.faces], points.astype(np.float32)[faces])
+
+
 def test_a_few_bytes_of_padding_after_a_binary_stl_do_not_matter(saved):
     assert saved("a.stl", binary_stl(corners(cube()), tail=b"\0\0\xff")).n_faces == 12
 
