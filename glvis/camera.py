@@ -155,8 +155,9 @@ def mirrored_pose(pose: ArrayLike, point: ArrayLike, normal: ArrayLike) -> Array
     """Return poses (..., 4, 4) mirrored over a plane: the twin sees the mirrored scene.
 
     Position, direction and image up are reflected and right is turned back, so the result is
-    a proper rotation; where ``up`` lies in the plane or along its normal, that is the same
-    sensor with reflected position and direction and the opposite roll.
+    a proper rotation. Where the study's ``up`` lies in the plane, that is the same sensor with
+    reflected position and direction and the opposite roll; where ``up`` is the plane's normal,
+    it is half a turn about the optical axis away from that.
     """
     m = np.asarray(pose, dtype=float)
     n = _normalized(normal)

@@ -77,6 +77,20 @@ def gl_info() -> GlInfo:
     return GlInfo(info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"], context.extra)
 
 
+def unbind_framebuffer() -> None:
+    """Bind a framebuffer that is never released; to be called before one is.
+
+    moderngl binds what was bound before whenever it makes something, and a name that is gone
+    is an OpenGL error.
+    """
+    _resting_place().use()
+
+
+@cache
+def _resting_place() -> moderngl.Framebuffer:
+    return gl_context().simple_framebuffer((1, 1))
+
+
 def _egl_context() -> moderngl.Context:
     """Return a context on the first EGL device that can draw.
 

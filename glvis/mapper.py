@@ -42,9 +42,6 @@ Bools = NDArray[np.bool_]
 # Clip planes as shares of maxD: what is nearer to the eye than the first hides nothing, and
 # nothing that is in range is hidden by what lies beyond the second.
 _NEAREST, _FARTHEST = 1e-3, 2.0
-# A face hides a centre when it is nearer by this share of the mean edge: half an edge is less
-# than the step between two surfaces that matter and more than a curved neighbour's bulge.
-_TOLERANCE = 0.5
 # In the paper's semantics the image is widened to the centres of all faces that are left,
 # with a margin against rounding; wider than this tangent (87 degrees) no image is drawn.
 _MARGIN, _WIDEST = 1.001, 20.0
@@ -202,7 +199,6 @@ class Mapper:
             depth,
             lambda d: depth_along_axis(d, views.clip_near[view], views.clip_far[view]),
             views.tan_half[view],
-            _TOLERANCE * self.model.mean_edge,
         )
 
     @property

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from glvis.camera import projection_matrix, rigid_inverse
 from glvis.clusters import Clusters
-from glvis.context import gl_context, gl_info
+from glvis.context import gl_context, gl_info, unbind_framebuffer
 from glvis.errors import MachineError
 from glvis.glsl import shader_source
 
@@ -227,6 +227,7 @@ class Renderer:
 
     def release(self) -> None:
         """Give the GPU's memory back."""
+        unbind_framebuffer()
         for part in (
             self._framebuffer,
             self._depth_only,

@@ -1,0 +1,79 @@
+"""Shortcuts for tests of visibility: shapes in, maps out, one sensor at the origin by default."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from glvis.camera import Intrinsics, camera_to_world
+from glvis.clusters import Clusters
+from glvis.mapper import Mapper
+from glvis.renderer import Renderer, Surface
+from glvis.scene import Model
+from glvis.sensor import Sensor
+from glvis.visibility import VisibilityOptions
+
+# Looks down -z from the origin: shapes.plate with its normal +z looks back at it.
+DOWN = camera_to_world([0, 0, 0], [0, 0, -1], up=(0, 1, 0))
+
+
+def sensor(
+    *,
+    hfov_deg=60.0,
+    vfov_deg=60.0,
+    resolution=(64, 64),
+    near=0.0,
+    far=100.0,
+    max_incidence_deg=90.0,
+) -> Sensor:
+    return Sensor(
+        "test",
+        Intrinsics.from_degrees(hfov_deg, vfov_deg),
+        resolution,
+        near,
+        far,
+        np.radians(max_incidence_deg),
+    )
+
+
+def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.ndarray:
+    """Return n poses (n, 4, 4) about ``distance`` from the origin that look near it."""
+    position = rng.normal(size=(n, 3))
+    position *= (
+        distance
+        * rng.uniform(0.7, 1.3, size=(n, 1))
+        / np.linalg.norm(position, axis=1, keepdims=True)
+    )
+    target = rng.uniform(-0.5, 0.5, size=(n, 3))
+    return camera_to_world(position, target - position, rng.uniform(-np.pi, np.pi, size=n))
+
+
+@contextmanager
+def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), **options):
+    """Yield the mapper of a shape (vertices, faces) among obstacles, released afterwards."""
+    origin = np.asarray(origin, dtype=float)
+    renderers: dict[tuple[int, int], Renderer] = {}
+
+    def renderer_of(resolution):
+        return renderers.setdefault(resolution, Renderer(resolution, tiles))
+
+    surfaces = [
+        Surface(Clusters.of(Model.from_arrays(f"obstacle{i}", *o)), origin, is_target=False)
+        for i, o in enumerate(obstacles)
+    ]
+    model = Model.from_arrays("target", *shape)
+    made = Mapper(model, surfaces, VisibilityOptions(**options), origin, renderer_of)
+    try:
+        yield made
+    finally:
+        for part in (made, *surfaces, *renderers.values()):
+            part.release()
+
+
+def seen(shape, poses=DOWN, device=None, obstacles=(), *, tiles=None, **options) -> np.ndarray:
+    """Return which faces poses (N, 4, 4) see, (N, F) bool; one pose (4, 4) gives (F,)."""
+    many = np.asarray(poses).reshape(-1, 4, 4)
+    with mapper(shape, obstacles, tiles=tiles, **options) as made:
+        visible = made.visible(many, device or sensor())
+    return visible if np.ndim(poses) == 3 else visible[0]
