@@ -46,11 +46,14 @@ ARROWS = {
     "reading": "context errors folder placement result study visibility",
     "shading": "camera scene context errors glsl renderer",
     "pictures": "camera scene sensor objective palette shading study visibility result",
-    "viewer.page": "camera scene sensor palette study visibility result",
-    "delivery": "errors folder placement result pictures",
+    "page": "glsl palette",
+    "report": "page placement result tables",
+    "delivery": "errors folder page pictures placement reading report result",
+    "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "estimate placement study tables terminal visibility",
-    "cli": "checks delivery errors estimate folder placement reading study terminal wording",
+    "cli": "checks delivery doctor errors estimate folder placement reading study terminal"
+    " wording",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",

@@ -148,7 +148,7 @@ function showLegend(F) {
     for (let k = 1; k <= last; k++) items.push(item(css(overlap[k]), `${k}  ${share(exactly[k])}`));
     items.push(element('span', { class: 'item head' }, 'sensors'));
   } else if (state.mode === 'unseen') items = [nobody, item(css(seen), `seen ${share(F - exactly[0])}`)];
-  else items = [element('span', { class: 'item head how' }, 'Colour: the sensor with most pixels on the face'), nobody];
+  else items = [element('span', { class: 'item head how' }, 'Colour: the sensor that sees the face most squarely'), nobody];
   if (study.obstacles.length && state.obstacles) items.push(item(css(obstacle), 'obstacle'));
   byId('legend').replaceChildren(...items);
 }

@@ -7,13 +7,10 @@ const UNSEEN = 0, SEEN = 1, DIM = 2, OBSTACLE = 3, FIRST_SENSOR = 4;
 function readSensor(entry) {
   const m = entry.camera_to_world;
   const column = (c) => [m[0][c], m[1][c], m[2][c]];
-  const sensor = {
-    ...entry,
+  return {
+    ...entry, rgb: [1, 3, 5].map((i) => parseInt(entry.color.slice(i, i + 2), 16)),
     right: column(0), up: column(1), direction: scaled(column(2), -1), center: column(3),
   };
-  const [w, h] = sensor.resolution, [tx, ty] = sensor.tan_half;
-  sensor.focal2 = w * h / (4 * tx * ty); // pixels per steradian on the axis
-  return sensor;
 }
 
 /** Where a face lies before a sensor: depth along the axis and cosine of the incidence. */
@@ -61,20 +58,22 @@ function coverage(mesh, sensors, on) {
   return { counts, exactly, seen, alone, unseenArea };
 }
 
-/** The sensor that is on and shows each face with the most pixels; -1 where none sees it. */
-function bestSensor(mesh, sensors, on) {
+/** Of the sensors that are on, the one that sees each face most squarely; -1 where none does. */
+function squarestSensor(mesh, sensors, on, incidence) {
   const best = new Int16Array(mesh.nFaces).fill(-1);
-  const detail = new Float32Array(mesh.nFaces).fill(-1);
+  const largest = new Float32Array(mesh.nFaces).fill(-2); // cosine
   sensors.forEach((sensor, s) => {
     if (!on[s]) return;
-    const [cx, cy, cz] = sensor.center, c = mesh.centroids, n = mesh.normals;
+    const [cx, cy, cz] = sensor.center, [dx, dy, dz] = sensor.direction, c = mesh.centroids, n = mesh.normals;
     for (let f = 0, k = 0; f < mesh.nFaces; f++, k += 3) {
       if (!mesh.sees(s, f)) continue;
-      const x = c[k] - cx, y = c[k + 1] - cy, z = c[k + 2] - cz;
-      const r2 = x * x + y * y + z * z || 1;
-      const cosine = -(x * n[k] + y * n[k + 1] + z * n[k + 2]) / Math.sqrt(r2);
-      const pixels = sensor.focal2 * Math.max(cosine, 0) / r2;
-      if (pixels > detail[f]) { detail[f] = pixels; best[f] = s; }
+      let x = dx, y = dy, z = dz, length = 1;
+      if (incidence === 'ray') {
+        x = c[k] - cx; y = c[k + 1] - cy; z = c[k + 2] - cz;
+        length = Math.sqrt(x * x + y * y + z * z) || 1;
+      }
+      const cosine = -(x * n[k] + y * n[k + 1] + z * n[k + 2]) / length;
+      if (cosine > largest[f]) { largest[f] = cosine; best[f] = s; }
     }
   });
   return best;
@@ -83,7 +82,7 @@ function bestSensor(mesh, sensors, on) {
 /** The palette entry of each face; `focus` is a sensor whose faces alone keep a colour, or -1. */
 function paint(mesh, sensors, { mode, on, focus }, counts) {
   const S = sensors.length, out = new Uint16Array(mesh.nFaces);
-  const best = mode === 'sensor' && focus < 0 ? bestSensor(mesh, sensors, on) : null;
+  const best = mode === 'sensor' && focus < 0 ? squarestSensor(mesh, sensors, on, study.incidence) : null;
   for (let f = 0; f < out.length; f++) {
     const count = counts[f];
     if (focus >= 0) out[f] = mesh.sees(focus, f) ? FIRST_SENSOR + focus : count || mode !== 'unseen' ? DIM : UNSEEN;

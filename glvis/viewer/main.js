@@ -12,7 +12,7 @@ const state = {
   frusta: sensors.length <= 4, obstacles: true, labels: true, edges: false, cut: false,
 };
 const MODES = [
-  ['sensor', 'Sensors', 'Each face in the colour of the sensor that shows it with most pixels'],
+  ['sensor', 'Sensors', 'Each face in the colour of the sensor that sees it most squarely'],
   ['overlap', 'Overlap', 'How many sensors see each face'],
   ['unseen', 'Unseen', 'The faces that no sensor sees, also through what hides them'],
 ];
@@ -261,7 +261,6 @@ function say(message) {
 async function start() {
   byId('details').append(...details(study));
   byId('subtitle').textContent = study.subtitle;
-  sensors.forEach((s) => { s.rgb = [1, 3, 5].map((i) => parseInt(s.color.slice(i, i + 2), 16)); });
   painter = new Painter(canvas);
   canvas.addEventListener('webglcontextlost', () => say('The graphics driver gave up. Load the page again.'));
   const text = byId('meshes');

@@ -57,8 +57,9 @@ function number(x, digits = Math.abs(x) >= 1000 ? 0 : Math.abs(x) >= 100 ? 1 : 2
   return x.toLocaleString('en-US', { maximumFractionDigits: digits }).replace('-', '−');
 }
 
-/** A share for readers; never rounded to 100 % or 0 % unless it is exactly that. */
+/** A share for readers; nothing is rounded to none or to all. */
 function percent(x) {
-  const p = clamp(100 * x, x > 0 ? 0.1 : 0, x < 1 ? 99.9 : 100);
-  return `${p === 100 ? '100' : p.toFixed(1)} %`;
+  if (x > 0 && x < 0.0005) return '< 0.1 %';
+  if (x < 1 && x >= 0.9995) return '> 99.9 %';
+  return `${(100 * x).toFixed(1)} %`;
 }
