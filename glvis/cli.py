@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +30,7 @@ app = typer.Typer(
 _UsageError: Any = typer.BadParameter.__bases__[0]
 
 _StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="The study, a TOML file.")]
+_ResultFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a result.")]
 _Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result; made new.")
 ]
@@ -146,7 +148,7 @@ def evaluate(
     from glvis.delivery import deliver, summary_of_files
     from glvis.folder import result_folder
     from glvis.placement import evaluate_poses
-    from glvis.result import read_poses
+    from glvis.reading import read_poses
     from glvis.study import load_study
     from glvis.terminal import say
     from glvis.wording import resolution_warnings, result_lines
@@ -156,6 +158,7 @@ def evaluate(
     warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
     with result_folder(output, overwrite=overwrite) as folder:
         placement = evaluate_poses(loaded, given)
+        _say_that_pictures_come(not no_pictures)
         failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
     for line in result_lines(placement):
         say(line)
@@ -202,6 +205,7 @@ def optimize(
             say(f"Warning: {warning}", error=True)
         with progress_shown() as show:
             placement = place_sensors(loaded, on_iteration=show)
+        _say_that_pictures_come(not no_pictures)
         failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
     for line in result_lines(placement):
         say(line)
@@ -210,3 +214,75 @@ def optimize(
     say(summary_of_files(output))
     if failures:
         raise typer.Exit(1)
+
+
+@app.command(
+    epilog="Examples:  glvis render out/arm  or one of them from another side:  glvis render "
+    "out/arm --color unseen --view 30,20 --size 1920x1080"
+)
+def render(
+    result: _ResultFolder,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION",
+            help="Where pictures in perspective are taken from, degrees: 0,0 is the front, "
+            "90,0 the right, 0,90 the top.",
+        ),
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels of a picture.")
+    ] = None,
+    color: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="Only the pictures coloured by sensor, overlap, incidence, distance or unseen; "
+            "the others stay.",
+        ),
+    ] = None,
+) -> None:
+    """Make the pictures and the page of a result again.
+
+    Poses and maps are those of the result; its meshes are read again.
+    """
+    from glvis.delivery import Look, render_again
+    from glvis.terminal import say
+
+    look = Look(color=color)
+    if size:
+        width, height = _two_numbers("--size", size, "x", "1920x1080")
+        look = replace(look, size=(round(width), round(height)))
+    if view:
+        look = replace(look, view=_two_numbers("--view", view, ",", "30,20"))
+    names = render_again(result, look)
+    say(f"{len(names)} pictures in {result}: {', '.join(names)}")
+
+
+def _say_that_pictures_come(wanted: bool) -> None:
+    from glvis.terminal import say
+
+    if wanted:
+        say("Making the pictures ...", error=True)
+
+
+def _two_numbers(option: str, text: str, between: str, example: str) -> tuple[float, float]:
+    """Return the two numbers of an option."""
+    parts = text.split(between)
+    try:
+        first, second = map(float, parts)
+    except ValueError:
+        raise StudyError(
+            f"{option} {text}: must be two numbers with '{between}' between, as {example}"
+        ) from None
+    return first, second
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this machine has of all that glvis needs, and what to install."""
+    from glvis.doctor import health
+    from glvis.terminal import say
+
+    for line in health():
+        say(line)

@@ -1,14 +1,41 @@
-"""A placement becomes a whole result folder: data, pictures, and the index that names them all."""
+"""A placement becomes a whole result folder: data, pictures, the page, and the index of all."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from glvis.errors import MachineError
-from glvis.folder import INDEX, ResultFolder
+from glvis.errors import MachineError, StudyError
+from glvis.folder import INDEX, ResultFolder, renewed_files
+from glvis.page import write_page
+from glvis.pictures import SIZE, write_views
 from glvis.placement import Placement
-from glvis.result import write_data, write_index
+from glvis.reading import read_result
+from glvis.report import page_data
+from glvis.result import write_data, write_summary
+
+VIEWS, PAGE = "views", "report.html"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How pictures are to look.
+
+    Attributes
+    ----------
+    size : tuple of int
+        Pixels (width, height).
+    view : (float, float) or None
+        Azimuth and elevation, degrees, of pictures in perspective; None chooses.
+    color : str or None
+        Only the pictures with this colouring.
+    """
+
+    size: tuple[int, int] = SIZE
+    view: tuple[float, float] | None = None
+    color: str | None = None
 
 
 def deliver(
@@ -46,30 +73,77 @@ def deliver(
     failures = []
     try:
         write_data(placement, folder.staging)
+        write_page(folder.staging / PAGE, page_data(placement))
         if pictures:
-            failures = make_pictures(placement, folder.staging, folder.path)
-        write_index(placement, folder.staging, [*warnings, *failures])
+            failures = _tried(placement, folder)
+        write_summary(placement, folder.staging, [*warnings, *failures])
     except OSError as error:
         raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error
     return failures
 
 
-def make_pictures(placement: Placement, directory: Path, final: Path) -> list[str]:
-    """Make the pictures of a placement; return in a sentence what could not be made."""
-    again = f"'glvis render {final}' makes them"
-    try:
-        write_pictures(placement, directory)
-    except KeyboardInterrupt:
-        return [f"the pictures were left out on Ctrl-C; {again}"]
-    except MachineError as error:
-        return [f"the pictures could not be made: {error}; {again}"]
-    return []
+def render_again(directory: Path, look: Look | None = None) -> list[str]:
+    """Make the pictures and the page of a result again; return the names of the new files.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder of a result.
+    look : Look, optional
+        With a ``color``, all other pictures stay as they are.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds no whole result, or the look is none.
+    MachineError
+        Where there is no OpenGL, or the folder cannot be written to.
+    """
+    look = look or Look()
+    placement = read_result(directory)
+    with renewed_files(directory, () if look.color else (f"{VIEWS}/",)) as staging:
+        try:
+            paths = write_pictures(placement, staging, look)
+        except ValueError as error:
+            raise StudyError(str(error)) from error
+        write_page(staging / PAGE, page_data(placement))
+        return [path.relative_to(staging).as_posix() for path in paths]
 
 
-def write_pictures(placement: Placement, directory: Path) -> None:
-    """Write all pictures of a placement into a folder."""
+def write_pictures(placement: Placement, directory: Path, look: Look | None = None) -> list[Path]:
+    """Write the pictures of a placement into ``views`` in a folder; return their paths."""
+    look = look or Look()
+    (directory / VIEWS).mkdir()
+    return write_views(
+        placement.study,
+        placement.camera_to_world,
+        placement.maps,
+        directory / VIEWS,
+        trace=placement.trace,
+        start_value=placement.start_value,
+        size=look.size,
+        view=look.view,
+        color=look.color,
+    )
 
 
 def summary_of_files(directory: Path) -> str:
     """Return in a line what lies in a result folder."""
-    return f"Result: {directory} ({INDEX}, coverage.csv, sensors.csv, visibility.npz, views/)"
+    names = [INDEX, "coverage.csv", "sensors.csv", "visibility.npz", PAGE]
+    views = [f"{VIEWS}/"] if (directory / VIEWS).is_dir() else []
+    return f"Result: {directory} ({', '.join([*names, *views])})"
+
+
+def _tried(placement: Placement, folder: ResultFolder) -> list[str]:
+    """Make the pictures; return in a sentence what could not be made."""
+    problem = ""
+    try:
+        write_pictures(placement, folder.staging)
+    except KeyboardInterrupt:
+        problem = "the pictures were left out on Ctrl-C"
+    except MachineError as error:
+        problem = f"the pictures could not be made: {error}"
+    if not problem:
+        return []
+    shutil.rmtree(folder.staging / VIEWS, ignore_errors=True)
+    return [f"{problem}; 'glvis render {folder.path}' makes them"]

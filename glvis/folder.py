@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import errno
 import json
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ INDEX = "result.json"  # names every file of the result; written last
 CHECKPOINT = "checkpoint.npz"
 STUDY = "study.toml"
 _STAGING = "unfinished"
+# a list of numbers over several lines; a text in JSON never has a line break inside
+_NUMBERS = re.compile(r'\[(\n[^\[\]{}"]*)\]')
 
 
 class ResultFolder:
@@ -83,19 +86,9 @@ class ResultFolder:
             If a file cannot be renamed; those not yet in place stay in ``staging``.
         """
         with _machine_errors(self.path):
-            old, new = manifest(self.path), files_below(self.staging)
+            old = manifest(self.path)
             (self.path / INDEX).unlink(missing_ok=True)
-            for name in [*(name for name in new if name != INDEX), INDEX]:
-                target = self.path / name
-                if target.exists() and name not in old:
-                    target.rename(target.with_name(f"{target.name}.kept"))
-                target.parent.mkdir(parents=True, exist_ok=True)
-                (self.staging / name).replace(target)
-            for name in set(old) - set(new):
-                (self.path / name).unlink(missing_ok=True)
-            for folder in {(self.path / name).parent for name in old} - {self.path}:
-                _remove_if_empty(folder)
-            shutil.rmtree(self.staging)
+            _put_in_place(self.staging, self.path, old)
 
     def discard(self) -> bool:
         """Remove what was written, unless a search can go on from it; return whether it can."""
@@ -165,6 +158,33 @@ def result_folder(
         raise
 
 
+@contextmanager
+def renewed_files(path: Path, prefixes: Sequence[str] = ()) -> Iterator[Path]:
+    """Give a folder to write into; its files take their places in a result at the end.
+
+    Parameters
+    ----------
+    path : Path
+        A folder with a result.
+    prefixes : sequence of str
+        Files of the result that begin so, as "views/", go unless they are written anew.
+    """
+    staging = path / f"{_STAGING}-files"
+    with _machine_errors(path):
+        shutil.rmtree(staging, ignore_errors=True)
+        staging.mkdir()
+    try:
+        yield staging
+        with _machine_errors(path):
+            kept, new = manifest(path), files_below(staging)
+            old = [name for name in kept if name.startswith(tuple(prefixes)) or name in new]
+            names = {*kept} - {*old} | {*new}
+            _put_in_place(staging, path, old)
+            write_index(path, read_index(path / INDEX) | {"files": sorted(names)})
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
 def files_below(folder: Path) -> list[str]:
     """Return the files in a folder and its folders, as sorted relative paths with "/"."""
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
@@ -206,6 +226,32 @@ def read_index(path: Path) -> dict[str, Any]:
     if not isinstance(found, dict) or "glvis_schema" not in found:
         raise StudyError(f"{path}: is no result of glvis")
     return found
+
+
+def write_index(folder: Path, content: Mapping[str, Any]) -> None:
+    """Write ``result.json`` into a folder, whole or not at all; floats are exact."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    # lists of numbers in one line each, as people write matrices
+    text = _NUMBERS.sub(lambda found: "[" + " ".join(found[1].split()) + "]", text)
+    part = folder / f"{INDEX}.part"
+    part.write_text(text + "\n", encoding="utf-8")
+    part.replace(folder / INDEX)
+
+
+def _put_in_place(staging: Path, path: Path, old: Sequence[str]) -> None:
+    """Rename all files of ``staging`` into a folder, the index last; remove the other old ones."""
+    new = files_below(staging)
+    for name in sorted(new, key=INDEX.__eq__):
+        target = path / name
+        if target.exists() and name not in old:
+            target.rename(target.with_name(f"{target.name}.kept"))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        (staging / name).replace(target)
+    for name in set(old) - set(new):
+        (path / name).unlink(missing_ok=True)
+    for folder in {(path / name).parent for name in old} - {path}:
+        _remove_if_empty(folder)
+    shutil.rmtree(staging)
 
 
 def _is_inside(name: object) -> bool:

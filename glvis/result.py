@@ -1,4 +1,4 @@
-"""The result of a run as files: written for people and programs, read back as a ``Placement``.
+"""The result of a run as files, written for people and programs; ``reading`` reads them.
 
 Format of ``result.json``, version 1; every float is written so that reading gives it back bit
 for bit. All but ``run``, ``gl`` and ``versions`` is the same for the same study and seed.
@@ -9,36 +9,29 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import json
 import math
 import platform
-import re
 import time
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glvis.camera import angles_from_direction, position_direction_roll
-from glvis.context import GlInfo
-from glvis.errors import StudyError
-from glvis.folder import INDEX, STUDY, files_below, read_index
+from glvis.folder import INDEX, STUDY, files_below, write_index
 from glvis.placement import Placement, TraceRow
 from glvis.scene import Model
-from glvis.study import Study, load_study
 from glvis.tables import mean_row, mean_terms, model_rows, sensor_rows
-from glvis.visibility import VisibilityMap, render_resolution
+from glvis.visibility import render_resolution
 
 SCHEMA = 1
 COVERAGE, SENSORS, TRACE, MAPS = "coverage.csv", "sensors.csv", "trace.csv", "visibility.npz"
 
-_SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
-# a list of numbers over several lines; a JSON text never has a line break inside
-_NUMBERS = re.compile(r'\[(\n[^\[\]{}"]*)\]')
+SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
 _PACKAGES = ("moderngl", "glcontext", "numpy", "trimesh", "pyswarms", "scipy", "pillow")
 
 
@@ -90,10 +83,10 @@ def write_data(placement: Placement, directory: Path) -> None:
     )  # fmt: skip
     _write_csv(directory / TRACE, TraceRow._fields, placement.trace)
     arrays = {found.model_name: found.visible for found in placement.maps}
-    write_npz(directory / MAPS, arrays | {_SENSOR_NAMES: np.array(study.sensor_names)})
+    write_npz(directory / MAPS, arrays | {SENSOR_NAMES: np.array(study.sensor_names)})
 
 
-def write_index(placement: Placement, directory: Path, warnings: Sequence[str] = ()) -> None:
+def write_summary(placement: Placement, directory: Path, warnings: Sequence[str] = ()) -> None:
     """Write ``result.json``, the last file: it names all the others.
 
     Parameters
@@ -106,94 +99,7 @@ def write_index(placement: Placement, directory: Path, warnings: Sequence[str] =
         Sentences to keep with the result, after those of the placement.
     """
     files = sorted({*files_below(directory), INDEX})
-    _write_json(directory / INDEX, _index(placement, warnings) | {"files": files})
-
-
-def update_files(directory: Path) -> None:
-    """Name the files of a folder anew in its ``result.json``; all else there stays."""
-    old = read_index(directory / INDEX)
-    _write_json(directory / INDEX, old | {"files": sorted({*files_below(directory), INDEX})})
-
-
-def read_result(directory: str | Path) -> Placement:
-    """Return the placement that a result folder holds.
-
-    Parameters
-    ----------
-    directory : str or Path
-        With ``result.json``, ``study.toml``, ``visibility.npz`` and ``trace.csv``; the meshes
-        are read again from where the study says they are.
-
-    Raises
-    ------
-    StudyError
-        If a file is missing or broken, or a mesh is not what it was.
-    """
-    directory = Path(directory)
-    index = read_index(directory / INDEX)
-    if index["glvis_schema"] != SCHEMA:
-        raise StudyError(
-            f"{directory / INDEX}: schema version {index['glvis_schema']} cannot be read, "
-            f"only {SCHEMA}"
-        )
-    study = load_study(directory / STUDY)
-    try:
-        _check_meshes(index, study)
-        return Placement(
-            study=study,
-            position=np.array(
-                [math.nan if v["value"] is None else v["value"] for v in index["variables"]],
-                dtype=float,
-            ),
-            camera_to_world=_poses(index, study.sensor_names),
-            maps=_read_maps(directory / MAPS, study),
-            value=index["objective"]["value"],
-            values_by_model=np.array([row["value"] for row in index["models"]]),
-            start_value=index["objective"]["start_value"],
-            trace=_read_trace(directory / TRACE),
-            stop_reason=index["search"]["stop_reason"],
-            seed=index["search"]["seed"],
-            seconds=index["run"]["seconds"],
-            evaluations=index["search"]["evaluations"],
-            maps_rendered=index["search"]["maps_rendered"],
-            gl=GlInfo(**index["gl"]),
-            workers=index["run"]["workers"],
-            warnings=tuple(index["warnings"]),
-        )
-    except StudyError:
-        raise
-    except OSError as error:
-        raise StudyError(f"{error.filename}: cannot be read: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise StudyError(
-            f"{directory}: is no whole result: {type(error).__name__} {error}"
-        ) from error
-
-
-def read_poses(path: str | Path, sensor_names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the poses (S, 4, 4) of some sensors in another result, by their names.
-
-    Parameters
-    ----------
-    path : str or Path
-        A ``result.json``, or the folder that holds one.
-    sensor_names : sequence of str
-        Names of the S sensors; others of the result are left out.
-
-    Raises
-    ------
-    StudyError
-        If there is no result, a sensor is not in it, or a pose is no rigid transform.
-    """
-    path = Path(path)
-    path = path / INDEX if path.is_dir() else path
-    index = read_index(path)
-    try:
-        return _poses(index, sensor_names)
-    except StudyError as error:
-        raise StudyError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError):
-        raise StudyError(f"{path}: its 'poses' are broken") from None
+    write_index(directory, _summary(placement, warnings) | {"files": files})
 
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -239,7 +145,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _index(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
+def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
     """Return all of ``result.json`` but the list of files."""
     study, objective = placement.study, placement.study.objective
     rows = model_rows(study.models, placement.maps, objective)
@@ -346,66 +252,13 @@ def _file_of(model: Model) -> dict[str, str]:
     """Return where a mesh came from and the sum that tells whether it is still the same."""
     if model.path is None:
         return {}
-    return {"file": str(model.path), "sha256": _sha256(model.path)}
+    return {"file": str(model.path), "sha256": sha256(model.path)}
 
 
-def _sha256(path: Path) -> str:
+def sha256(path: Path) -> str:
+    """Return the sum that tells whether a file is still the same."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _check_meshes(index: Mapping[str, Any], study: Study) -> None:
-    """Refuse meshes that are not those which the result was made of."""
-    entries = [*index["models"], *index["obstacles"]]
-    meshes = [*study.models, *study.obstacles]
-    if [entry["name"] for entry in entries] != [mesh.name for mesh in meshes]:
-        raise StudyError(f"{study.path}: its meshes are not those of the result")
-    for entry, mesh in zip(entries, meshes, strict=True):
-        if mesh.path and entry.get("sha256") != _sha256(mesh.path):
-            raise StudyError(f"{mesh.path}: has changed since the result was made")
-
-
-def _poses(index: Mapping[str, Any], sensor_names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the poses of some sensors, (S, 4, 4), checked to be rigid."""
-    found = {entry["name"]: entry["camera_to_world"] for entry in index["poses"]}
-    poses = np.zeros((len(sensor_names), 4, 4))
-    for s, name in enumerate(sensor_names):
-        if name not in found:
-            raise StudyError(f"has no pose for '{name}'; it has {', '.join(found)}")
-        pose = np.array(found[name], dtype=float)
-        if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise StudyError(f"the pose of '{name}' must be a finite 4 x 4 matrix")
-        rotation = pose[:3, :3]
-        is_rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-        if not (is_rigid and np.linalg.det(rotation) > 0 and (pose[3] == [0, 0, 0, 1]).all()):
-            raise StudyError(f"the pose of '{name}' is no rigid transform")
-        poses[s] = pose
-    return poses
-
-
-def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:
-    """Return the maps of a result, checked against the study."""
-    with np.load(path, allow_pickle=False) as arrays:
-        names = tuple(str(name) for name in arrays[_SENSOR_NAMES])
-        maps = tuple(VisibilityMap(m.name, names, arrays[m.name]) for m in study.models)
-    for found, model in zip(maps, study.models, strict=True):
-        expected = (len(study.sensor_names), model.n_faces)
-        if names != study.sensor_names or found.visible.shape != expected:
-            raise StudyError(f"{path}: its maps are not those of the study")
-    return maps
-
-
-def _read_trace(path: Path) -> tuple[TraceRow, ...]:
-    """Return the rows of ``trace.csv``."""
-    kinds = get_type_hints(TraceRow)
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    if not rows or tuple(rows[0]) != TraceRow._fields:
-        raise StudyError(f"{path}: must have the columns {', '.join(TraceRow._fields)}")
-    return tuple(
-        TraceRow(*(kinds[name](text) for name, text in zip(rows[0], row, strict=True)))
-        for row in rows[1:]
-    )
 
 
 def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -413,12 +266,3 @@ def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    # lists of numbers in one line each, as people write matrices
-    text = _NUMBERS.sub(lambda found: "[" + " ".join(found[1].split()) + "]", text)
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(text + "\n", encoding="utf-8")
-    part.replace(path)

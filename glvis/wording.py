@@ -161,7 +161,7 @@ def result_lines(placement: Placement) -> Iterator[str]:
         yield f"{kind} = {placement.value:.6g}"
         return
     yield f"{kind} = {placement.value:.6g} (start: {placement.start_value:.6g})"
-    yield f"The search {placement.stop_reason}"
+    yield placement.stop_reason[:1].upper() + placement.stop_reason[1:]
     yield (
         f"{placement.evaluations:,} evaluations, {placement.maps_rendered:,} maps in "
         f"{duration(placement.seconds)} (seed {placement.seed})"

@@ -1,72 +1,57 @@
-"""Small studies on disk: shapes written as OFF files, and a study file beside them."""
+"""A small study in files, for tests of what is done with one."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from shapes import Shape, blob, cube, icosphere, torus
+import shapes
 
-# One free sensor that circles a dented ball at its own height, one that only turns.
-SMALL = """
-title = "Small"
-up = [0, 0, 1]
+# Two cubes, three sensors of two mounts, one variable; a few milliseconds an evaluation.
+SMALL = """\
+title = "Two cubes"
+up = [0, 1, 0]
 
 [scene]
-models = ["ball.off", "ring.off"]
-obstacles = ["post.off"]
+models = ["cube.off", "small.off"]
 
 [sensor.eye]
-hfov_deg = 50
+hfov_deg = 60
 vfov_deg = 40
-resolution = [64, 48]
-min_distance = 0.5
-max_distance = 9
-max_incidence_deg = 75
-
-[visibility]
-resolution = "sensor"
-
-[variables]
-turn = { min = 0, max = 360, start = 10, periodic = true }
-height = { min = -2, max = 2, start = 1 }
-azimuth = { min = 40, max = 140, start = 60 }
-elevation = { min = -40, max = 40, start = 20 }
+resolution = [96, 64]
+max_distance = 12
 
 [[mount]]
 name = "A"
 sensor = "eye"
-ring = { axis = "z", radius = 4, angle_deg = "turn", height = "height" }
+position = [{ min = 2, max = 6, start = 3 }, 3, 3]
 aim = [0, 0, 0]
+mirror = { plane = "yz", name = "B" }
 
 [[mount]]
-name = "B"
+name = "C"
 sensor = "eye"
-position = [0, -4, 0]
-direction = { azimuth_deg = "azimuth", elevation_deg = "elevation" }
+position = [0, 0, 4]
+direction = [0, 0, -1]
+roll_deg = 30
 
 [swarm]
-particles = 6
-iterations = 4
-seed = 3
+particles = 4
+iterations = 2
 """
 
 
-def write_shape(path: Path, shape: Shape) -> Path:
-    """Write a shape as OFF text, exact to the last bit."""
+def write_off(path: Path, shape: shapes.Shape) -> None:
     vertices, faces = shape
-    rows = [f"OFF\n{len(vertices)} {len(faces)} 0"]
-    rows += [" ".join(map(repr, row)) for row in vertices.tolist()]
-    rows += [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]
-    path.write_text("\n".join(rows) + "\n")
-    return path
+    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
+    lines += [" ".join(map(repr, map(float, v))) for v in vertices]
+    lines += [f"3 {a} {b} {c}" for a, b, c in faces]
+    path.write_text("\n".join(lines) + "\n")
 
 
-def write_small_study(folder: Path, rng, text: str = SMALL) -> Path:
-    """Write the small study and its meshes into a folder; return the study's path."""
-    write_shape(folder / "ball.off", blob(rng, subdivisions=2))
-    write_shape(folder / "ring.off", torus(nu=16, nv=8))
-    write_shape(folder / "post.off", cube(0.4, center=(0, -2, 0.5)))
-    write_shape(folder / "tiny.off", icosphere(1))
-    path = folder / "small.toml"
+def write_small_study(folder: Path, text: str = SMALL) -> Path:
+    """Write the study and its meshes into a folder; return the study's path."""
+    write_off(folder / "cube.off", shapes.cube(1.0))
+    write_off(folder / "small.off", shapes.cube(0.5, center=(0.1, 0, 0)))
+    path = folder / "study.toml"
     path.write_text(text)
     return path

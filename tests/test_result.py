@@ -8,65 +8,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapes
+from studies import write_small_study
 
 from glvis.errors import MachineError, StudyError
-from glvis.folder import ResultFolder, files_below, result_folder
+from glvis.folder import ResultFolder, files_below, renewed_files, result_folder
 from glvis.placement import TraceRow, evaluate_poses, place_sensors
+from glvis.reading import read_poses, read_result
 from glvis.result import (
-    read_poses,
-    read_result,
     sensor_poses,
-    update_files,
     write_data,
-    write_index,
     write_npz,
+    write_summary,
 )
 from glvis.study import load_study
 from glvis.tables import model_rows, sensor_rows
 
-STUDY = """
-up = [0, 1, 0]
-[scene]
-models = ["cube.off", "small.off"]
-[sensor.eye]
-hfov_deg = 60
-vfov_deg = 40
-resolution = [96, 64]
-max_distance = 20
-[[mount]]
-name = "A"
-sensor = "eye"
-position = [{ min = 2, max = 6, start = 3 }, 3, 3]
-aim = [0, 0, 0]
-mirror = { plane = "yz", name = "B" }
-[[mount]]
-name = "C"
-sensor = "eye"
-position = [0, 0, 4]
-direction = [0, 0, -1]
-roll_deg = 30
-[swarm]
-particles = 4
-iterations = 2
-"""
-
-
-def write_off(path: Path, shape) -> None:
-    vertices, faces = shape
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
-    lines += [" ".join(map(repr, map(float, v))) for v in vertices]
-    lines += [f"3 {a} {b} {c}" for a, b, c in faces]
-    path.write_text("\n".join(lines) + "\n")
-
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("study")
-    write_off(folder / "cube.off", shapes.cube(1.0))
-    write_off(folder / "small.off", shapes.cube(0.5, center=(0.1, 0, 0)))
-    (folder / "study.toml").write_text(STUDY)
-    return load_study(folder / "study.toml")
+    return load_study(write_small_study(tmp_path_factory.mktemp("study")))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +38,7 @@ def placement(study):
 def written(placement, tmp_path):
     with result_folder(tmp_path / "out") as folder:
         write_data(placement, folder.staging)
-        write_index(placement, folder.staging)
+        write_summary(placement, folder.staging)
     return tmp_path / "out"
 
 
@@ -185,7 +145,7 @@ def test_equal_runs_write_equal_bytes_but_for_times_and_driver(study, placement,
     for name, found in (("one", placement), ("two", place_sensors(study))):
         with result_folder(tmp_path / name) as folder:
             write_data(found, folder.staging)
-            write_index(found, folder.staging)
+            write_summary(found, folder.staging)
         folders.append(tmp_path / name)
     one, two = folders
     for name in ("study.toml", "coverage.csv", "sensors.csv", "visibility.npz"):
@@ -199,13 +159,38 @@ def test_equal_runs_write_equal_bytes_but_for_times_and_driver(study, placement,
 def test_result_names_all_its_files(written):
     index = json.loads((written / "result.json").read_text())
     assert index["files"] == files_below(written)
-    (written / "views").mkdir()
-    (written / "views" / "A.png").touch()
-    update_files(written)
-    again = json.loads((written / "result.json").read_text())
-    assert again.pop("files") == files_below(written)
-    index.pop("files")
-    assert again == index
+
+
+def test_renewed_files_replace_theirs_and_leave_all_else(written):
+    before = json.loads((written / "result.json").read_text())
+    (written / "notes.txt").write_text("mine")
+    with renewed_files(written, ["views/"]) as staging:
+        (staging / "views").mkdir()
+        (staging / "views" / "A.png").write_text("old")
+        (staging / "views" / "gone.png").write_text("old")
+    (written / "views" / "photo.jpg").write_text("mine")
+    with renewed_files(written, ["views/"]) as staging:
+        (staging / "views").mkdir()
+        (staging / "views" / "A.png").write_text("new")
+    after = json.loads((written / "result.json").read_text())
+    assert after.pop("files") == sorted([*before.pop("files"), "views/A.png"])
+    assert after == before
+    assert (written / "views" / "A.png").read_text() == "new"
+    assert files_below(written / "views") == ["A.png", "photo.jpg"]
+    with renewed_files(written) as staging:
+        (staging / "poses.csv").touch()
+    again = json.loads((written / "result.json").read_text())["files"]
+    assert "views/A.png" in again
+    assert "poses.csv" in again
+
+
+def test_failed_renewal_changes_nothing(written):
+    before = {name: (written / name).read_bytes() for name in files_below(written)}
+    with pytest.raises(RuntimeError), renewed_files(written, ["views/"]) as staging:
+        (staging / "views").mkdir()
+        raise RuntimeError
+    assert {name: (written / name).read_bytes() for name in files_below(written)} == before
+    assert not list(written.glob("unfinished*"))
 
 
 def test_poses_are_read_by_the_names_of_the_sensors(placement, written):
@@ -219,7 +204,7 @@ def test_values_of_variables_are_left_out_where_poses_came_from_elsewhere(study,
     with result_folder(tmp_path / "out") as folder:
         found = evaluate_poses(study, poses)
         write_data(found, folder.staging)
-        write_index(found, folder.staging)
+        write_summary(found, folder.staging)
     index = json.loads((tmp_path / "out" / "result.json").read_text())
     assert [variable["value"] for variable in index["variables"]] == [None]
     again = read_result(tmp_path / "out")

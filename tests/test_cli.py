@@ -1,0 +1,359 @@
+"""The command line: from a file to a result folder, and what it says on the way."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import SMALL, write_small_study
+
+import glvis
+from glvis.cli import main
+from glvis.errors import MachineError
+from glvis.folder import files_below
+from glvis.pictures import write_views
+from glvis.placement import Progress
+from glvis.reading import read_result
+from glvis.terminal import _Lines, duration, table
+
+DATA = [
+    "coverage.csv",
+    "report.html",
+    "result.json",
+    "sensors.csv",
+    "study.toml",
+    "trace.csv",
+    "visibility.npz",
+]
+
+
+@pytest.fixture
+def study(tmp_path):
+    (tmp_path / "study").mkdir()
+    return write_small_study(tmp_path / "study")
+
+
+@pytest.fixture
+def glvis_cli(capsys):
+    """Run the command line in this process; return exit code, output and errors."""
+
+    def run(*arguments) -> tuple[int, str, str]:
+        code = main([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+def index_of(folder: Path) -> dict:
+    return json.loads((folder / "result.json").read_text())
+
+
+def test_version_is_printed(glvis_cli):
+    assert glvis_cli("--version") == (0, f"glvis {glvis.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", ["check", "evaluate", "optimize", "render", "doctor"])
+def test_help_of_every_command_ends_well(glvis_cli, command):
+    code, out, _ = glvis_cli(command, "--help")
+    assert code == 0
+    assert f"glvis {command}" in out
+
+
+def test_help_needs_no_mesh_library_and_no_opengl():
+    code = (
+        "import sys; from glvis.cli import main; assert main(['--help']) == 0; "
+        "heavy = {'trimesh', 'moderngl', 'pydantic', 'pyswarms', 'scipy'} & set(sys.modules); "
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_check_says_what_is_in_a_study(glvis_cli, study):
+    code, out, err = glvis_cli("check", study)
+    assert (code, err) == (0, "")
+    words = [line.split() for line in out.splitlines()]
+    assert ["model", "cube", "12", "6", "1.13807", "closed"] in words
+    assert ["cube", "eye", "64", "x", "41", "0.0", "%", "6", "mm"] in words
+    assert ["A.position.x", "2", "6", "3"] in words
+    assert "eye: 60 x 40 deg, 96 x 64 pixels, 0 to 12 mm" in out
+    assert "3 of them: A, B, C" in out
+    assert "One evaluation (6 maps): " in out
+    assert "A full run of 12 evaluations: at most " in out
+    assert "OpenGL: " in out
+    assert "Warning" not in out
+
+
+def test_check_warns_of_what_will_disappoint(glvis_cli, study):
+    code, out, _ = glvis_cli(
+        "check", study, "--set", "scene.scale=0.001", "--set", "visibility.resolution=[32, 32]"
+    )
+    assert code == 0
+    assert "Warning: cube: is 0.00173 mm across, the sensors reach 12 mm; is unit = 'mm'" in out
+    assert "Warning: cube: 100 % of the faces are smaller than a pixel of eye" in out
+
+
+def test_check_writes_nothing(glvis_cli, study, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    before = files_below(tmp_path)
+    assert glvis_cli("check", study)[0] == 0
+    assert files_below(tmp_path) == before
+
+
+def test_evaluate_writes_what_the_start_sees(glvis_cli, study, tmp_path):
+    code, out, err = glvis_cli("evaluate", study, "-o", tmp_path / "out", "--no-pictures")
+    assert (code, err) == (0, "")
+    assert files_below(tmp_path / "out") == DATA
+    index = index_of(tmp_path / "out")
+    assert index["search"]["stop_reason"] == "evaluated only"
+    assert index["variables"][0]["value"] == 3.0
+    loaded = glvis.load_study(study)
+    with glvis.Evaluator(loaded) as evaluator:
+        assert index["objective"]["value"] == evaluator(loaded.rig.start)[0]
+    assert [line.split()[:2] for line in out.splitlines()][2] == ["cube", str(
+        index["models"][0]["seen_by_all_cameras"]
+    )]  # fmt: skip
+
+
+def test_evaluate_takes_the_poses_of_another_result(glvis_cli, study, tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    glvis_cli("optimize", study, "-o", one, "--no-pictures", "--seed", "5")
+    code, _, _ = glvis_cli(
+        "evaluate", study, "-o", two, "--no-pictures", "--poses", one / "result.json"
+    )
+    assert code == 0
+    a, b = read_result(one), read_result(two)
+    assert np.array_equal(a.camera_to_world, b.camera_to_world)
+    assert a.value == b.value
+    for first, second in zip(a.maps, b.maps, strict=True):
+        assert np.array_equal(first.visible, second.visible)
+
+
+def test_optimize_writes_a_whole_result(glvis_cli, study, tmp_path):
+    out = tmp_path / "out"
+    code, text, err = glvis_cli("optimize", study, "-o", out, "--no-pictures")
+    assert code == 0
+    assert files_below(out) == DATA
+    found = read_result(out)
+    assert found.value >= found.start_value
+    assert found.stop_reason == "finished: all 2 iterations done"
+    assert "\nFinished: all 2 iterations done" in text
+    assert f"OF3 = {found.value:.6g} (start: {found.start_value:.6g})" in text
+    assert err.startswith("iteration 0/2  best ")
+    assert f"iteration 2/2  best {found.value:.6g}" in err
+
+
+def test_settings_and_seed_go_before_the_file_and_stay_with_the_result(glvis_cli, study, tmp_path):
+    out = tmp_path / "out"
+    code, _, _ = glvis_cli(
+        "optimize", study, "-o", out, "--no-pictures", "--seed", "7", "--set",
+        "swarm.particles=6", "--set", "mount.C.roll_deg=0",
+    )  # fmt: skip
+    assert code == 0
+    kept = glvis.load_study(out / "study.toml")
+    assert (kept.swarm.seed, kept.swarm.particles, kept.swarm.iterations) == (7, 6, 2)
+    index = index_of(out)
+    assert index["search"]["seed"] == 7
+    assert index["search"]["evaluations"] == 18
+    assert index["poses"][2]["roll_deg"] == 0
+
+
+def test_the_kept_study_runs_again_to_the_same_result(glvis_cli, study, tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    glvis_cli("optimize", study, "-o", one, "--no-pictures", "--seed", "3")
+    glvis_cli("optimize", one / "study.toml", "-o", two, "--no-pictures")
+    first, second = index_of(one), index_of(two)
+    for index in (first, second):
+        del index["run"]
+    assert first == second
+
+
+def test_overwrite_replaces_a_result(glvis_cli, study, tmp_path):
+    out = tmp_path / "out"
+    glvis_cli("evaluate", study, "-o", out, "--no-pictures")
+    code, _, err = glvis_cli("evaluate", study, "-o", out, "--no-pictures")
+    assert code == 2
+    assert err == (
+        f"error: {out}: holds a result already; replace it with --overwrite "
+        "or choose another folder\n"
+    )
+    code, _, _ = glvis_cli("optimize", study, "-o", out, "--no-pictures", "--overwrite")
+    assert code == 0
+    assert index_of(out)["search"]["stop_reason"].startswith("finished")
+
+
+def test_nothing_is_written_outside_the_result_folder(glvis_cli, study, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    before = files_below(tmp_path)
+    assert glvis_cli("optimize", study, "-o", "out", "--no-pictures")[0] == 0
+    new = set(files_below(tmp_path)) - set(before)
+    assert new == {f"here/out/{name}" for name in DATA}
+
+
+def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, monkeypatch):
+    def no_pictures(placement, directory):
+        (directory / "views").mkdir()
+        (directory / "views" / "half.png").touch()
+        raise MachineError("no more memory on the GPU")
+
+    monkeypatch.setattr("glvis.delivery.write_pictures", no_pictures)
+    out = tmp_path / "out"
+    code, text, _ = glvis_cli("evaluate", study, "-o", out)
+    assert code == 1
+    assert "Warning: the pictures could not be made: no more memory on the GPU; 'glvis" in text
+    assert files_below(out) == DATA
+    (warning,) = index_of(out)["warnings"]
+    assert warning.endswith(f"no more memory on the GPU; 'glvis render {out}' makes them")
+
+
+def test_ctrl_c_while_pictures_are_made_leaves_the_result(glvis_cli, study, tmp_path, monkeypatch):
+    def interrupted(placement, directory):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glvis.delivery.write_pictures", interrupted)
+    code, text, _ = glvis_cli("evaluate", study, "-o", tmp_path / "out")
+    assert code == 1
+    assert "Warning: the pictures were left out on Ctrl-C; 'glvis render" in text
+    assert files_below(tmp_path / "out") == DATA
+
+
+def test_pictures_come_with_a_result_and_can_be_made_again(glvis_cli, study, tmp_path, monkeypatch):
+    def small(*arguments, **options):
+        return write_views(*arguments, **options | {"size": (320, 200)})
+
+    monkeypatch.setattr("glvis.delivery.write_views", small)
+    out = tmp_path / "out"
+    code, text, err = glvis_cli("optimize", study, "-o", out)
+    assert code == 0
+    assert err.endswith("Making the pictures ...\n")
+    views = sorted((out / "views").glob("*.png"))
+    assert {"cube-sensor-perspective.png", "sensor-C.png", "convergence.png"} <= {
+        path.name for path in views
+    }
+    assert index_of(out)["files"] == files_below(out)
+    assert text.endswith("report.html, views/)\n")
+    (out / "views" / "notes.txt").write_text("mine")
+    first = {path: path.read_bytes() for path in views}
+    for path in views[::2]:
+        path.unlink()
+    code, text, _ = glvis_cli("render", out)
+    assert code == 0
+    assert text.startswith(f"{len(views)} pictures in {out}: views/")
+    assert {path: path.read_bytes() for path in views} == first
+    assert (out / "views" / "notes.txt").read_text() == "mine"
+
+
+def test_one_kind_of_picture_is_made_as_asked(glvis_cli, study, tmp_path):
+    out = tmp_path / "out"
+    glvis_cli("evaluate", study, "-o", out, "--no-pictures")
+    code, text, _ = glvis_cli("render", out, "--color", "unseen", "--size", "400x300")
+    assert code == 0
+    names = ["views/cube-unseen.png", "views/small-unseen.png"]
+    assert text == f"2 pictures in {out}: {', '.join(names)}\n"
+    assert index_of(out)["files"] == files_below(out) == sorted([*DATA, *names])
+    picture = (out / names[0]).read_bytes()
+    assert picture[16:24] == bytes([0, 0, 1, 0x90, 0, 0, 1, 0x2C])  # 400 x 300
+    code, _, _ = glvis_cli(
+        "render", out, "--color", "unseen", "--size", "400x300", "--view", "90,0"
+    )
+    assert code == 0
+    assert (out / names[0]).read_bytes() != picture
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fact"),
+    [
+        (["--color", "red"], "color = 'red' must be one of sensor, overlap, incidence, dist"),
+        (["--size", "10x10"], "size = 10 x 10 must be at least 200 x 200 pixels"),
+        (["--size", "400"], "--size 400: must be two numbers with 'x' between, as 1920x1080"),
+        (["--view", "up"], "--view up: must be two numbers with ',' between, as 30,20"),
+    ],
+)
+def test_wrong_wishes_for_pictures_are_refused(glvis_cli, study, tmp_path, arguments, fact):
+    out = tmp_path / "out"
+    glvis_cli("evaluate", study, "-o", out, "--no-pictures")
+    code, text, err = glvis_cli("render", out, *arguments)
+    assert (code, text) == (2, "")
+    assert err.startswith(f"error: {fact}")
+    assert files_below(out) == DATA
+
+
+def test_a_folder_without_result_cannot_be_rendered(glvis_cli, tmp_path):
+    code, _, err = glvis_cli("render", tmp_path)
+    assert (code, err) == (2, f"error: {tmp_path / 'result.json'}: does not exist\n")
+
+
+def test_doctor_names_the_driver(glvis_cli):
+    code, out, err = glvis_cli("doctor")
+    assert (code, err) == (0, "")
+    assert "OpenGL: " in out
+    assert out.endswith("The driver draws the known scene of the self-test as it should\n")
+
+
+ENDLESS = "iterations = 1000000\nstall_iterations = 1000000"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_search_ends_in_a_complete_result(tmp_path, number):
+    (tmp_path / "study").mkdir()
+    study = write_small_study(tmp_path / "study", SMALL.replace("iterations = 2", ENDLESS))
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, "--no-pictures"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as p:
+        try:
+            assert p.stderr.readline().startswith("iteration 0/1000000")
+            p.send_signal(number)
+            text, _ = p.communicate(timeout=60)
+        finally:
+            p.kill()
+    assert p.returncode == 0
+    assert "\nInterrupted: " in text
+    assert files_below(out) == DATA
+    found = read_result(out)
+    assert found.stop_reason.startswith("interrupted: ")
+    assert found.value >= found.start_value
+
+
+def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path, study):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, "--no-pictures"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as p:
+        p.stdout.close()
+        p.stderr.close()
+        assert p.wait(timeout=60) == 0
+    assert files_below(out) == DATA
+
+
+def progress(iteration: int) -> Progress:
+    return Progress(iteration, 100, 1.5, 0.25, 40, 8.0, 5.0, 130.0)
+
+
+def test_lines_come_now_and_then_and_at_the_end(capsys):
+    now = [0.0]
+    show = _Lines(sys.stderr, clock=lambda: now[0])
+    for iteration in range(101):
+        now[0] = iteration * 1.0
+        show(progress(iteration))
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split()[1] for line in lines] == [f"{i}/100" for i in range(0, 101, 5)]
+    assert lines[0] == (
+        "iteration 0/100  best 1.5  mean 0.25  8 evaluations/s  2 min 10 s left"
+    )  # fmt: skip
+
+
+def test_times_are_told_as_people_tell_them():
+    seconds = {0.04: "0.0 s", 9.94: "9.9 s", 47.6: "48 s", 200: "3 min 20 s", 7500: "2 h 5 min"}
+    assert [duration(s) for s in seconds] == list(seconds.values())
+
+
+def test_tables_align_numbers_right_and_words_left():
+    assert table(("name", "n", "share"), [("a", 1234, "5.0 %"), ("long", 7, "45.1 %")]) == [
+        "  name      n   share",
+        "  a     1,234   5.0 %",
+        "  long      7  45.1 %",
+    ]
