@@ -135,6 +135,11 @@ class Evaluator:
         ]
 
     @property
+    def warnings(self) -> list[str]:
+        """What went wrong without harm to the values, such as a worker that was replaced."""
+        return self._maps.warnings
+
+    @property
     def known_poses(self) -> NDArray[np.uint8]:
         """Keys of the poses whose maps are kept, (K, 16), the one not used for longest first."""
         keys = b"".join(self._cache.keys())

@@ -20,9 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from glvis.context import GlInfo
 from glvis.evaluator import Evaluator
+from glvis.maps import MapScene
 from glvis.study import Study
 from glvis.swarm import Swarm
 from glvis.visibility import VisibilityMap
+from glvis.workers import Workers
 
 __all__ = ["Placement", "Progress", "TraceRow", "evaluate_poses", "place_sensors"]
 
@@ -186,7 +188,10 @@ def evaluate_poses(
 
 
 def place_sensors(
-    study: Study, *, on_iteration: Callable[[Progress], None] | None = None
+    study: Study,
+    *,
+    workers: int = 1,
+    on_iteration: Callable[[Progress], None] | None = None,
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
@@ -197,18 +202,22 @@ def place_sensors(
     ----------
     study : Study
         What is searched and how.
+    workers : int
+        Processes that render; the result is the same for any number.
     on_iteration : callable, optional
         Is told the Progress after each iteration.
 
     Raises
     ------
+    ValueError
+        If ``workers`` is less than 1.
     MachineError
-        Where there is no OpenGL.
+        Where there is no OpenGL, or workers die again and again.
     """
     if not study.variables:
         return evaluate_poses(study)
     clock = _Clock()
-    with _interruptions() as interrupted, _evaluator(study) as evaluator:
+    with _interruptions() as interrupted, _evaluator(study, workers) as evaluator:
         rig = study.rig
         search = Swarm(rig.bounds, rig.periodic, rig.start, study.swarm)
         start = search.best_x
@@ -247,6 +256,8 @@ def place_sensors(
             evaluations=evaluations,
             maps_rendered=maps_rendered,
             gl=evaluator.gl,
+            workers=workers,
+            warnings=tuple(evaluator.warnings),
         )
 
 
@@ -260,12 +271,14 @@ class _Clock:
         return time.monotonic() - self._started
 
 
-def _evaluator(study: Study) -> Evaluator:
-    """Return an evaluator; where the CPU draws, it does so in this thread.
+def _evaluator(study: Study, workers: int = 1) -> Evaluator:
+    """Return an evaluator; where the CPU draws in this process, it does so in this thread.
 
     llvmpipe's own threads cost more than they give on images of this size; the user's word
     on them holds. The variable is read when the context is made.
     """
+    if workers != 1:
+        return Evaluator(study, maps=Workers(MapScene.of(study), workers))
     name = "LP_NUM_THREADS"
     if name in os.environ:
         return Evaluator(study)

@@ -38,7 +38,9 @@ ARROWS = {
     "selftest": "camera scene clusters context errors renderer",
     "maps": "scene sensor clusters context renderer selftest visibility mapper study",
     "evaluator": "scene sensor context visibility objective study maps",
-    "placement": "errors objective swarm study context evaluator visibility",
+    "worker": "maps",
+    "workers": "context errors maps",
+    "placement": "errors objective swarm study context evaluator maps visibility workers",
     "folder": "errors",
     "tables": "objective scene visibility",
     "estimate": "context evaluator scene sensor study",
@@ -52,8 +54,7 @@ ARROWS = {
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "estimate placement study tables terminal visibility",
-    "cli": "checks delivery doctor errors estimate folder placement reading study terminal"
-    " wording",
+    "cli": "checks delivery doctor errors estimate folder placement reading study terminal wording",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",

@@ -1,0 +1,238 @@
+"""Maps from other processes: the same to the last bit, whatever happens to the processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_study import write_small_study
+
+import glvis.workers
+from glvis.errors import MachineError
+from glvis.evaluator import Evaluator
+from glvis.maps import LocalMaps, MapJob, MapScene
+from glvis.placement import place_sensors
+from glvis.study import load_study
+from glvis.workers import Workers, available_cores
+
+
+@pytest.fixture
+def study(tmp_path, rng):
+    return load_study(write_small_study(tmp_path, rng))
+
+
+@pytest.fixture
+def positions(study, rng):
+    low, high = study.rig.bounds.T
+    return rng.uniform(low, high, size=(40, len(low)))
+
+
+def some_jobs(study, positions):
+    """Return jobs of different size on both models by both sensors."""
+    poses = study.rig.poses(positions)
+    return [MapJob(m, s, poses[: 17 + 20 * s, s]) for m in (0, 1) for s in (0, 1)]
+
+
+def assert_same_maps(made, study, jobs):
+    local = LocalMaps(MapScene.of(study))
+    expected = list(local.make(jobs))
+    local.release()
+    for one, other in zip(made, expected, strict=True):
+        assert np.array_equal(one, other) and one.any()
+
+
+def processes(workers):
+    return [worker.process for worker in workers._crew]
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_workers_make_the_maps_that_this_process_makes(study, positions, n):
+    jobs = some_jobs(study, positions)
+    workers = Workers(MapScene.of(study), n)
+    made = list(workers.make(jobs))
+    crew = processes(workers)
+    workers.release()
+    assert_same_maps(made, study, jobs)
+    assert workers.workers == n and workers.warnings == []
+    assert len(crew) == n and all(process.returncode == 0 for process in crew)
+
+
+def test_values_do_not_depend_on_workers_or_on_how_positions_are_put_together(study, positions):
+    with Evaluator(study) as alone:
+        expected = alone.values_by_model(positions)
+    with Evaluator(study, maps=Workers(MapScene.of(study), 2)) as evaluator:
+        values = evaluator.values_by_model(positions)
+        assert evaluator.gl == alone.gl
+        assert evaluator.maps_rendered == alone.maps_rendered == 2 * 2 * len(positions)
+    assert np.array_equal(values, expected)
+    for size in (1, 3, 16):
+        with Evaluator(study) as evaluator:
+            parts = [
+                evaluator.values_by_model(positions[first : first + size])
+                for first in range(0, len(positions), size)
+            ]
+        assert np.array_equal(np.concatenate(parts), expected)
+
+
+def test_search_finds_the_same_with_any_number_of_workers(study):
+    alone, together = place_sensors(study), place_sensors(study, workers=2)
+    assert together.workers == 2 and together.warnings == ()
+    assert np.array_equal(alone.position, together.position)
+    assert alone.value == together.value and alone.maps_rendered == together.maps_rendered
+    assert [row[:-1] for row in alone.trace] == [row[:-1] for row in together.trace]
+    for one, other in zip(alone.maps, together.maps, strict=True):
+        assert np.array_equal(one.visible, other.visible)
+
+
+def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, positions):
+    jobs = some_jobs(study, positions)
+    workers = Workers(MapScene.of(study), 2)
+    made = []
+    for bits in workers.make(jobs):
+        if not made:
+            os.kill(processes(workers)[0].pid, signal.SIGKILL)
+        made.append(bits)
+    assert_same_maps(made, study, jobs)
+    made = list(workers.make(jobs))
+    workers.release()
+    assert_same_maps(made, study, jobs)
+    assert workers.warnings == [
+        "worker 1 died (SIGKILL) and was replaced; its maps were made again"
+    ]
+
+
+def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, positions):
+    jobs = some_jobs(study, positions)
+    workers = Workers(MapScene.of(study), 2, patience=1.0)
+    while not all(worker.is_ready for worker in workers._crew):
+        workers._listen(glvis.workers._Call([], 1))
+    frozen = processes(workers)[1]
+    os.kill(frozen.pid, signal.SIGSTOP)
+    made = list(workers.make(jobs))
+    workers.release()
+    assert_same_maps(made, study, jobs)
+    (warning,) = workers.warnings
+    assert warning.startswith("worker 2 did not answer for ")
+    assert frozen.returncode == -signal.SIGKILL
+
+
+def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
+    crews = []
+    monkeypatch.setattr(
+        "glvis.placement.Workers", lambda *args: crews.append(Workers(*args)) or crews[0]
+    )
+
+    def kill(progress):
+        if progress.iteration == 1:
+            os.kill(processes(crews[0])[0].pid, signal.SIGKILL)
+
+    alone, together = place_sensors(study), place_sensors(study, workers=2, on_iteration=kill)
+    assert together.warnings == (
+        "worker 1 died (SIGKILL) and was replaced; its maps were made again",
+    )
+    assert [row[:-1] for row in alone.trace] == [row[:-1] for row in together.trace]
+
+
+def test_maps_that_kill_every_worker_end_the_run(study, positions, monkeypatch):
+    give = glvis.workers._Worker.give
+
+    def deadly(self, tag, job):
+        give(self, tag, job)
+        self.process.kill()
+
+    monkeypatch.setattr(glvis.workers._Worker, "give", deadly)
+    workers = Workers(MapScene.of(study), 1)
+    with pytest.raises(MachineError, match=r"worker 1 died \(SIGKILL\), as others before over the"):
+        list(workers.make(some_jobs(study, positions)[:1]))
+    workers.release()
+
+
+def test_workers_that_die_at_their_start_end_the_run(study, monkeypatch):
+    monkeypatch.setattr("glvis.workers.sys.executable", "/bin/false")
+    with pytest.raises(
+        MachineError, match=r"worker 2 died \(exit code 1\) at its start, as others"
+    ):
+        Workers(MapScene.of(study), 2)
+
+
+def test_worker_without_opengl_says_so(study, monkeypatch):
+    monkeypatch.setenv("GLVIS_GL", "vulkan")
+    with pytest.raises(MachineError, match="GLVIS_GL = 'vulkan' must be one of egl, osmesa"):
+        Workers(MapScene.of(study), 1)
+
+
+def test_error_in_a_worker_is_raised_here(study):
+    workers = Workers(MapScene.of(study), 1)
+    with pytest.raises(IndexError, match="list index out of range"):
+        list(workers.make([MapJob(7, 0, study.rig.poses(study.rig.start)[:1])]))
+    workers.release()
+
+
+def test_fewer_than_one_worker_is_refused(study):
+    with pytest.raises(ValueError, match="workers = 0 must be at least 1"):
+        place_sensors(study, workers=0)
+
+
+def test_maps_that_nobody_waits_for_any_more_are_forgotten(study, positions):
+    jobs = some_jobs(study, positions)
+    workers = Workers(MapScene.of(study), 2)
+    abandoned = workers.make(jobs[::-1])
+    next(abandoned)
+    abandoned.close()
+    made = list(workers.make(jobs))
+    workers.release()
+    assert_same_maps(made, study, jobs)
+
+
+def test_workers_end_with_the_process_that_started_them(study):
+    script = (
+        "import sys, time\n"
+        "from glvis.maps import MapScene\nfrom glvis.study import load_study\n"
+        "from glvis.workers import Workers\n"
+        "workers = Workers(MapScene.of(load_study(sys.argv[1])), 1)\n"
+        "print(workers._crew[0].process.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    root = Path(glvis.workers.__file__).parents[1]
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script, str(study.path)], stdout=subprocess.PIPE, cwd=root
+    )
+    with parent:
+        worker = int(parent.stdout.readline())
+        os.kill(worker, 0)
+        parent.kill()
+    for _ in range(200):
+        if not is_running(worker):
+            return
+        time.sleep(0.05)
+    pytest.fail(f"worker {worker} goes on")
+
+
+def is_running(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def test_workers_leave_the_threads_to_the_user(study, monkeypatch):
+    monkeypatch.setenv("LP_NUM_THREADS", "1")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    workers = Workers(MapScene.of(study), 1)
+    environ = Path(f"/proc/{processes(workers)[0].pid}/environ").read_bytes().split(b"\0")
+    workers.release()
+    assert b"LP_NUM_THREADS=1" in environ and b"OPENBLAS_NUM_THREADS=1" in environ
+
+
+def test_cores_are_those_that_the_process_may_use(monkeypatch):
+    allowed = len(os.sched_getaffinity(0))
+    assert 1 <= available_cores() <= allowed
+    monkeypatch.setattr("glvis.workers._cgroup_limit", lambda: "max 100000")
+    assert available_cores() == allowed
+    monkeypatch.setattr("glvis.workers._cgroup_limit", lambda: "150000 100000")
+    assert available_cores() == 1
