@@ -166,7 +166,7 @@ def opened(browser, page):
 def tab(opened, page):
     """The example as it opens; the test fails if the console says anything."""
     opened.errors.clear()
-    if page.name not in opened.run("location.pathname"):
+    if not opened.run("location.href").endswith(page.name):
         opened.open(page, SIZE_OF_PAGE)
     opened.run(
         "glvis.leaveSensor(0); glvis.state.on.fill(true); glvis.state.kept = -1;"
@@ -430,6 +430,18 @@ def test_keys_do_what_the_help_says(tab):
     assert tab.run("glvis.state.through") == -1
     tab.key("?")
     assert tab.run("!document.getElementById('keys').hidden")
+
+
+def test_a_link_may_say_where_to_begin(browser, page):
+    browser.errors.clear()
+    browser.open(page, SIZE_OF_PAGE, fragment="#mode=unseen&model=wavy&edges=1&through=B")
+    assert browser.run("[glvis.state.mode, glvis.model().name, glvis.state.edges]") == [
+        "unseen",
+        "wavy",
+        True,
+    ]
+    assert browser.run("glvis.state.through") == 1
+    assert browser.errors == []
 
 
 def test_a_click_on_a_label_looks_through_that_sensor(tab):

@@ -98,12 +98,12 @@ function buildToggles() {
 
 function showNumbers(mesh) {
   const { exactly, seen, alone, unseenArea } = covered, F = mesh.nFaces;
-  const share = (n) => percent(n / F), twice = F - exactly[0] - exactly[1];
+  const share = (n) => percent(n / F), twice = F - exactly[0] - (exactly[1] ?? 0);
   const tile = (value, text, title, name) => element('div', { class: name, title }, element('b', {}, value), element('span', {}, text));
   byId('stats').replaceChildren(
     tile(share(F - exactly[0]), 'seen', `${number(F - exactly[0], 0)} of ${number(F, 0)} faces are seen by at least one sensor`),
     tile(share(twice), 'by two or more', `${number(twice, 0)} of ${number(F, 0)} faces are seen by at least two sensors`),
-    tile(share(exactly[0]), 'unseen', `${number(exactly[0], 0)} faces, ${number(unseenArea)} ${study.unit}², ${percent(unseenArea / mesh.area)} of the area`, 'unseen'),
+    tile(share(exactly[0]), 'unseen', `${number(exactly[0], 0)} faces, ${area(unseenArea, study.unit)}, ${percent(unseenArea / mesh.area)} of the area`, 'unseen'),
     element('p', { class: 'note' }, `${number(exactly[0], 0)} of ${number(F, 0)} faces unseen, ${percent(unseenArea / mesh.area)} of the area` +
       (state.on.every(Boolean) ? '' : `, with ${state.on.filter(Boolean).length} of ${sensors.length} sensors`)));
   const most = Math.max(...seen, 1); // bars compare sensors, so the longest is full
@@ -117,7 +117,7 @@ function showNumbers(mesh) {
   });
   byId('gaps').replaceChildren(element('h2', {}, 'Largest gaps'), ...(covered.gaps.length
     ? covered.gaps.map((gap, i) => element('button', { type: 'button', title: `${number(gap.nFaces, 0)} connected faces that nobody sees`, click: () => goToGap(gap) },
-      element('b', {}, String(i + 1)), `${number(gap.area)} ${study.unit}²`))
+      element('b', {}, String(i + 1)), area(gap.area, study.unit)))
     : [element('p', { class: 'note' }, 'None: every face is seen.')]));
 }
 
@@ -229,7 +229,7 @@ function showReadout(hit, x, y) {
       element('p', {}, element('b', {}, seen ? `Seen by ${seen} of ${sensors.length}` : 'Seen by nobody'), element('span', {}, `face ${number(hit.face, 0)}`)),
       element('table', {}, element('thead', {}, element('tr', {}, element('th', {}, 'Sensor'), element('th', {}, 'Distance'), element('th', {}, 'Incidence'))),
         element('tbody', {}, order.slice(0, 12).map((s) => line(readings[s], s)))),
-      element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${number(mesh.areas[hit.face])} ${study.unit}²`));
+      element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${area(mesh.areas[hit.face], study.unit)}`));
   } else if (hit.kind === 'sensor') {
     node.replaceChildren(element('p', {}, element('b', {}, sensors[hit.sensor].name), element('span', {}, sensors[hit.sensor].kind)), element('p', { class: 'note' }, 'Click to look through it'));
   } else node.replaceChildren(element('p', {}, element('b', {}, hit.name), element('span', {}, 'obstacle')));

@@ -106,14 +106,14 @@ function gaps(mesh, counts) {
   const patches = new Map();
   for (let f = 0; f < mesh.nFaces; f++) {
     if (counts[f]) continue;
-    const key = root(faces[3 * f]), area = mesh.areas[f];
+    const key = root(faces[3 * f]), weight = mesh.areas[f];
     let patch = patches.get(key);
     if (!patch) patches.set(key, patch = { area: 0, faces: [], center: [0, 0, 0], normal: [0, 0, 0] });
-    patch.area += area;
+    patch.area += weight;
     patch.faces.push(f);
     for (let j = 0; j < 3; j++) {
-      patch.center[j] += area * c[3 * f + j];
-      patch.normal[j] += area * mesh.normals[3 * f + j];
+      patch.center[j] += weight * c[3 * f + j];
+      patch.normal[j] += weight * mesh.normals[3 * f + j];
     }
   }
   return [...patches.values()].filter((p) => p.area > 0).sort((a, b) => b.area - a.area).slice(0, 6).map((p) => {

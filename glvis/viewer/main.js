@@ -192,6 +192,7 @@ function setView(name, duration) {
 
 /** Look through a sensor: its image fills the frame, only its own faces keep their colour. */
 function lookThrough(index, duration) {
+  if (!sensors.length) return;
   if (state.through < 0) home = { camera: { ...(move ? move.to : camera.state) }, view: state.view };
   state.through = (index + sensors.length) % sensors.length;
   state.kept = state.focus = state.through;

@@ -57,6 +57,11 @@ function number(x, digits = Math.abs(x) >= 1000 ? 0 : Math.abs(x) >= 100 ? 1 : 2
   return x.toLocaleString('en-US', { maximumFractionDigits: digits }).replace('-', '−');
 }
 
+/** An area for readers; many square millimetres are square metres. */
+function area(x, lengthUnit) {
+  return lengthUnit === 'mm' && x >= 1e5 ? `${number(x / 1e6)} m²` : `${number(x)} ${lengthUnit}²`;
+}
+
 /** A share for readers; nothing is rounded to none or to all. */
 function percent(x) {
   if (x > 0 && x < 0.0005) return '< 0.1 %';

@@ -43,7 +43,7 @@ function measure(mesh) {
   const normals = new Float32Array(3 * nFaces);
   const centroids = new Float32Array(3 * nFaces);
   const areas = new Float32Array(nFaces);
-  let area = 0;
+  let total = 0;
   for (let i = 0, k = 0; i < nFaces; i++, k += 3) {
     const a = 3 * f[k], b = 3 * f[k + 1], c = 3 * f[k + 2];
     const ux = v[b] - v[a], uy = v[b + 1] - v[a + 1], uz = v[b + 2] - v[a + 2];
@@ -54,9 +54,9 @@ function measure(mesh) {
     normals[k] = nx * k1; normals[k + 1] = ny * k1; normals[k + 2] = nz * k1;
     for (let j = 0; j < 3; j++) centroids[k + j] = (v[a + j] + v[b + j] + v[c + j]) / 3;
     areas[i] = length / 2;
-    area += length / 2;
+    total += length / 2;
   }
-  return Object.assign(mesh, { normals, centroids, areas, area });
+  return Object.assign(mesh, { normals, centroids, areas, area: total });
 }
 
 const CREASE = Math.cos(40 * Math.PI / 180); // sharper edges than this stay edges
