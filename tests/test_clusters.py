@@ -1,0 +1,149 @@
+"""Culling never changes a picture: whole ID images with and without it, over many seeds."""
+
+import numpy as np
+import pytest
+import shapes
+from sight import mapper, random_poses, sensor
+
+from glvis.camera import camera_to_world
+from glvis.clusters import Clusters
+from glvis.mapper import _selection
+from glvis.renderer import Renderer, Selection
+from glvis.scene import Model
+
+
+def clusters_of(shape, size=None) -> Clusters:
+    return Clusters.of(Model.from_arrays("shape", *shape), size)
+
+
+def pictures(made, views, selection, refused_hide):
+    with Renderer((96, 72)) as renderer:
+        return np.concatenate(
+            [
+                np.array(images)
+                for _, images in renderer.id_images(
+                    views, [selection], origin=np.zeros(3), refused_hide=refused_hide
+                )
+            ]
+        )
+
+
+def half_a_blob(rng):
+    """A body with a hole, as a scan cut off at the elbow has."""
+    vertices, faces = shapes.blob(rng)
+    keep = vertices[faces][:, :, 2].max(axis=1) < 0.5
+    return vertices, faces[keep]
+
+
+BODIES = {
+    "closed": shapes.blob,
+    "two closed": lambda rng: shapes.merged(
+        shapes.blob(rng), shapes.moved(shapes.torus(), (1.5, 0, 0))
+    ),
+    "with a hole": half_a_blob,
+    "tube": lambda rng: shapes.tube(),
+    "inside out": lambda rng: shapes.flipped(shapes.blob(rng)),
+    "soup": shapes.soup,
+    "plates": lambda rng: shapes.merged(
+        shapes.plate(2, center=(0, 0, 1)), shapes.plate(2, center=(0, 0, -1), tilt_deg=30)
+    ),
+}
+
+
+@pytest.mark.parametrize("occlusion", ["physical", "paper"])
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("seed", range(4))
+def test_culling_never_changes_an_id_image(body, seed, occlusion):
+    rng = np.random.default_rng(seed)
+    shape = BODIES[body](rng)
+    # from outside, from close by, and from inside the hull
+    poses = np.concatenate(
+        [random_poses(rng, 12), random_poses(rng, 8, 1.2), random_poses(rng, 8, 0.4)]
+    )
+    with mapper(shape, occlusion=occlusion, resolution=(96, 72)) as made:
+        views = made._views(poses, sensor(hfov_deg=70, vfov_deg=50, far=3.5))
+        culled, _ = _selection(made.surface, views, faces_only=occlusion == "paper")
+        everything = Selection(made.surface, np.ones_like(culled.mask), culled.cull_backs & False)
+        with_backs = Selection(made.surface, np.ones_like(culled.mask), culled.cull_backs)
+        hide = occlusion == "physical"
+        pictured = pictures(made, views, culled, hide)
+        assert np.array_equal(pictured, pictures(made, views, with_backs, hide))
+        # Leaving back faces out one by one may decide a tie along a silhouette: there the back
+        # face lies as near as the front face that shares its edge, and either is right.
+        differs = pictured != pictures(made, views, everything, hide)
+        assert np.count_nonzero(differs) <= 2e-5 * differs.size
+    assert (pictured > 0).any()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_culled_clusters_hold_no_face_that_could_show(seed):
+    rng = np.random.default_rng(seed)
+    shape = shapes.blob(rng)
+    poses = random_poses(rng, 20, rng.uniform(0.3, 4))
+    device = sensor(hfov_deg=50, vfov_deg=30, far=3.0)
+    with mapper(shape) as made:
+        views = made._views(poses, device)
+        clusters = made.surface.clusters
+        faces = clusters.order.reshape(-1, clusters.size)
+        model = clusters.model
+        towards = (views.eye[:, None] - model.centroids) * model.normals
+        is_front = towards.sum(axis=2) > 0
+        assert not (is_front[:, faces].any(axis=2) & ~clusters.may_face(views.eye)).any()
+        corners = model.vertices[model.faces]
+        points = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=2)
+        inside = np.einsum("nkd,fcd->nfck", views.planes, points) >= 0
+        shows = inside.all(axis=3).any(axis=2)
+        assert not (shows[:, faces].any(axis=2) & ~clusters.in_frustum(views.planes)).any()
+
+
+def test_every_face_with_area_is_in_one_cluster(rng):
+    vertices, faces = shapes.blob(rng, 2)
+    broken = vertices, np.insert(faces, 7, [3, 3, 4], axis=0)
+    for size in (1, 4, 64):
+        clusters = clusters_of(broken, size)
+        assert len(clusters.order) == size * len(clusters)
+        assert sorted(set(clusters.order.tolist())) == [k for k in range(len(broken[1])) if k != 7]
+        everything = clusters.faces_in(np.ones(len(clusters), dtype=bool))
+        assert np.array_equal(everything, clusters.order)
+
+
+OPEN_BOX = (shapes.cube()[0], shapes.cube()[1][:10])  # without its upper side
+
+
+def hides(shape, position, direction=None) -> bool:
+    """Return whether back faces may be left out from there, looking at the origin by default."""
+    target = -np.asarray(position, dtype=float) if direction is None else direction
+    with mapper(shape) as made:
+        views = made._views(camera_to_world([position], [target]), sensor(far=50))
+        return bool(made.surface.clusters.hides_back_faces(views.eye, views.planes)[0])
+
+
+def test_from_outside_a_closed_body_back_faces_may_be_left_out(rng):
+    assert hides(shapes.blob(rng), [5, 5, 5])
+
+
+def test_from_inside_the_box_of_a_body_back_faces_stay(rng):
+    assert not hides(shapes.blob(rng), [0.9, 0.9, 0.9], [-1, -1, -1])
+
+
+@pytest.mark.parametrize("body", ["inside out", "soup"])
+def test_a_body_that_does_not_wind_outward_keeps_its_back_faces(body, rng):
+    assert not hides(BODIES[body](rng), [9, 9, 9])
+
+
+def test_a_hole_towards_the_camera_keeps_back_faces_a_hole_away_from_it_does_not():
+    assert not hides(OPEN_BOX, [0, 0.1, 5])
+    assert hides(OPEN_BOX, [0, 0.1, -5])
+
+
+def test_a_hole_outside_the_frustum_lets_nothing_in():
+    # above the rim, looking at the box and away from it
+    assert not hides(OPEN_BOX, [5, 0, 3])
+    assert hides(OPEN_BOX, [5, 0, 3], [1, 0, 0])
+
+
+def test_a_mesh_without_area_to_draw_has_no_clusters():
+    vertices, faces = shapes.plate(1)
+    model = Model.from_arrays("plate", vertices, faces)
+    object.__setattr__(model, "areas", np.zeros(len(faces)))
+    assert len(Clusters.of(model)) == 0
