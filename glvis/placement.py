@@ -5,7 +5,6 @@ Joins evaluator and search; knows neither files of results nor a terminal.
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import threading
@@ -13,16 +12,19 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.checkpoint import read_checkpoint
 from glvis.context import GlInfo
 from glvis.evaluator import Evaluator
 from glvis.maps import MapScene
+from glvis.run import Progress, Run
+from glvis.search import TraceRow
 from glvis.study import Study
-from glvis.swarm import Swarm
 from glvis.visibility import VisibilityMap
 from glvis.workers import Workers
 
@@ -31,54 +33,6 @@ __all__ = ["Placement", "Progress", "TraceRow", "evaluate_poses", "place_sensors
 Floats = NDArray[np.float64]
 
 ONLY_EVALUATED = "evaluated only"
-
-
-class TraceRow(NamedTuple):
-    """One iteration of a search.
-
-    ``best`` is the largest value so far, ``mean`` and ``std`` are those of this iteration's
-    positions. ``inertia`` and ``neighbours`` are the swarm's (NaN and 0 for other methods).
-    ``evaluations``, ``maps_rendered`` and ``seconds`` count from the start of the run.
-    """
-
-    iteration: int
-    method: str
-    best: float
-    mean: float
-    std: float
-    inertia: float
-    neighbours: int
-    evaluations: int
-    maps_rendered: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a search is.
-
-    Attributes
-    ----------
-    iteration, iterations : int
-        Done, and the most there can be.
-    best, mean : float
-        Largest value so far, mean of the last iteration.
-    evaluations : int
-        Since the start of the run.
-    evaluations_per_second : float
-        Since the start of this process's part of the run.
-    seconds, seconds_left : float
-        Of the run so far, and until ``iterations`` at this speed; a run may stall before.
-    """
-
-    iteration: int
-    iterations: int
-    best: float
-    mean: float
-    evaluations: int
-    evaluations_per_second: float
-    seconds: float
-    seconds_left: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +115,7 @@ def evaluate_poses(
     MachineError
         Where there is no OpenGL.
     """
-    clock = _Clock()
+    started = time.monotonic()
     x = np.array(study.rig.start if position is None else position, dtype=float)
     poses = study.rig.poses(x) if camera_to_world is None else np.array(camera_to_world, float)
     expected = (len(study.sensor_names), 4, 4)
@@ -180,7 +134,7 @@ def evaluate_poses(
             trace=(),
             stop_reason=ONLY_EVALUATED,
             seed=study.swarm.seed,
-            seconds=clock.elapsed(),
+            seconds=time.monotonic() - started,
             evaluations=1,
             maps_rendered=evaluator.maps_rendered,
             gl=evaluator.gl,
@@ -192,6 +146,9 @@ def place_sensors(
     *,
     workers: int = 1,
     on_iteration: Callable[[Progress], None] | None = None,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    extend: int = 0,
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
@@ -206,69 +163,70 @@ def place_sensors(
         Processes that render; the result is the same for any number.
     on_iteration : callable, optional
         Is told the Progress after each iteration.
+    checkpoint : Path, optional
+        File that the state of the search is written to after each iteration.
+    resume : bool
+        Go on from ``checkpoint``; the numbers are those of a run that was never broken off.
+    extend : int
+        Iterations to add, with ``resume``.
 
     Raises
     ------
     ValueError
-        If ``workers`` is less than 1.
+        If ``workers`` is less than 1, or ``resume`` or ``extend`` miss what they need.
+    StudyError
+        If there is nothing to resume, or the study has changed since.
     MachineError
-        Where there is no OpenGL, or workers die again and again.
+        Where there is no OpenGL, workers die again and again, or the checkpoint cannot be
+        written.
     """
+    if resume and checkpoint is None:
+        raise ValueError("resume needs a checkpoint")
+    if extend and not resume:
+        raise ValueError("extend needs resume")
+    if workers < 1:
+        raise ValueError(f"workers = {workers} must be at least 1")
     if not study.variables:
         return evaluate_poses(study)
-    clock = _Clock()
+    saved = read_checkpoint(checkpoint, study) if checkpoint and resume else None
     with _interruptions() as interrupted, _evaluator(study, workers) as evaluator:
-        rig = study.rig
-        search = Swarm(rig.bounds, rig.periodic, rig.start, study.swarm)
-        start = search.best_x
-        start_value = float(evaluator(start)[0])
-        trace: list[TraceRow] = []
+        run = Run(study, evaluator, checkpoint, saved)
+        if extend:
+            run.search.extend(extend)
         try:
-            while search.stop_reason is None:
-                values = _values(evaluator, search.ask(), interrupted)
-                if values is None:
-                    search.stop(f"interrupted: {interrupted[0]}")
+            run.save()
+            while run.search.stop_reason is None:
+                if not run.iterate(interrupted):
+                    run.search.stop(f"interrupted: {interrupted[0]}")
                     break
-                search.tell(values)
-                trace.append(_trace_row(search, evaluator.maps_rendered, clock))
+                run.save()
                 if on_iteration:
-                    on_iteration(_progress(trace, search.options.iterations, clock))
+                    on_iteration(run.progress())
         except KeyboardInterrupt:  # whoever else raised it means the same
             if interrupted:
                 raise
-            search.stop("interrupted: Ctrl-C")
-        x = search.best_x if search.best_value >= start_value else start
-        poses = rig.poses(x)
-        evaluations, maps_rendered = search.evaluations, evaluator.maps_rendered
+            run.search.stop("interrupted: Ctrl-C")
+        x, poses = run.best_position, study.rig.poses(run.best_position)
+        counted = run.evaluations, evaluator.maps_rendered
         maps, by_model, value = _seen(evaluator, poses)
         return Placement(
             study=study,
-            position=x.copy(),
+            position=x,
             camera_to_world=poses,
             maps=maps,
             value=value,
             values_by_model=by_model,
-            start_value=start_value,
-            trace=tuple(trace),
-            stop_reason=search.stop_reason or "",
+            start_value=run.start_value,
+            trace=tuple(run.trace),
+            stop_reason=run.search.stop_reason or "",
             seed=study.swarm.seed,
-            seconds=clock.elapsed(),
-            evaluations=evaluations,
-            maps_rendered=maps_rendered,
+            seconds=run.seconds(),
+            evaluations=counted[0],
+            maps_rendered=counted[1],
             gl=evaluator.gl,
             workers=workers,
-            warnings=tuple(evaluator.warnings),
+            warnings=tuple(run.warnings),
         )
-
-
-class _Clock:
-    """Seconds of a run."""
-
-    def __init__(self) -> None:
-        self._started = time.monotonic()
-
-    def elapsed(self) -> float:
-        return time.monotonic() - self._started
 
 
 def _evaluator(study: Study, workers: int = 1) -> Evaluator:
@@ -300,47 +258,6 @@ def _seen(evaluator: Evaluator, poses: Floats) -> tuple[tuple[VisibilityMap, ...
         ]
     )
     return maps, by_model, float(study.objective.aggregated(by_model))
-
-
-def _values(evaluator: Evaluator, positions: Floats, interrupted: list[str]) -> Floats | None:
-    """Return the values of positions (P, D), or None where somebody wants the run to end."""
-    by_model = []
-    for values in evaluator.each(positions):
-        if interrupted:
-            return None
-        by_model.append(values)
-    return evaluator.study.objective.aggregated(np.array(by_model))
-
-
-def _trace_row(search: Swarm, maps_rendered: int, clock: _Clock) -> TraceRow:
-    row = search.trace[-1]
-    return TraceRow(
-        iteration=row.iteration,
-        method="swarm",
-        best=row.best,
-        mean=row.mean,
-        std=row.std,
-        inertia=row.inertia,
-        neighbours=row.neighbours,
-        evaluations=row.evaluations,
-        maps_rendered=maps_rendered,
-        seconds=clock.elapsed(),
-    )
-
-
-def _progress(trace: list[TraceRow], iterations: int, clock: _Clock) -> Progress:
-    last, seconds = trace[-1], clock.elapsed()
-    an_iteration = seconds / len(trace)
-    return Progress(
-        iteration=last.iteration,
-        iterations=iterations,
-        best=last.best,
-        mean=last.mean,
-        evaluations=last.evaluations,
-        evaluations_per_second=last.evaluations / seconds if seconds > 0 else math.nan,
-        seconds=seconds,
-        seconds_left=an_iteration * (iterations - last.iteration),
-    )
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -248,7 +248,7 @@ class Swarm:
         options: SwarmOptions | None = None,
         *,
         clock: Callable[[], float] = time.monotonic,
-    ) -> Swarm:
+    ) -> Self:
         """Return the swarm that `state` describes, ready to go on.
 
         Parameters

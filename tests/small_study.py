@@ -48,6 +48,7 @@ direction = { azimuth_deg = "azimuth", elevation_deg = "elevation" }
 particles = 6
 iterations = 4
 seed = 3
+initial = "uniform"
 """
 
 

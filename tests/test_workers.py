@@ -154,9 +154,9 @@ def test_maps_that_kill_every_worker_end_the_run(study, positions, monkeypatch):
 def test_workers_that_die_at_their_start_end_the_run(study, monkeypatch):
     monkeypatch.setattr("glvis.workers.sys.executable", "/bin/false")
     with pytest.raises(
-        MachineError, match=r"worker 2 died \(exit code 1\) at its start, as others"
+        MachineError, match=r"worker 1 died \(exit code 1\) at its start, as others"
     ):
-        Workers(MapScene.of(study), 2)
+        Workers(MapScene.of(study), 1)
 
 
 def test_worker_without_opengl_says_so(study, monkeypatch):
