@@ -81,7 +81,9 @@ def write_convergence(
     if start_value is not None and math.isfinite(start_value):
         axes.axhline(start_value, color="0.35", lw=1.2, ls=":", label=f"start: {start_value:.4g}")
     if math.isfinite(upper_bound):
-        axes.axhline(upper_bound, color="0.35", lw=1.2, ls="-.", label=f"bound: {upper_bound:.4g}")
+        axes.axhline(
+            upper_bound, color="0.35", lw=1.2, ls="-.", label=f"upper bound: {upper_bound:.4g}"
+        )
     axes.annotate(
         f"{best[-1]:.4g}",
         (evaluations[-1], best[-1]),

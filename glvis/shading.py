@@ -185,7 +185,7 @@ class Canvas:
         raw = self._develop.read(components=3, alignment=1)
         return np.frombuffer(raw, dtype=np.uint8).reshape(height, width, 3)[::-1]
 
-    def depth(self, eye: Eye, solids: Sequence[Solid], *, origin: ArrayLike) -> Floats:
+    def depth(self, eye: Eye, solids: Sequence[Solid], *, origin: ArrayLike) -> NDArray[np.float32]:
         """Return distances along the optical axis, scene unit; inf where nothing is.
 
         One value a sample, not averaged: (H, W) times ``samples``.
@@ -195,8 +195,8 @@ class Canvas:
         raw = self._shade.read(attachment=-1, components=1, dtype="f4", alignment=4)
         z = np.frombuffer(raw, dtype=np.float32).reshape(height, width)[::-1]
         x, y, slope, is_near = _unprojection(eye)
-        depths = z.astype(np.float64)
-        depths = x / (y + slope * depths) if is_near else x + slope * depths
+        a, b, c = np.float32(x), np.float32(y), np.float32(slope)
+        depths = a / (b + c * z) if is_near else a + c * z
         depths[z >= 1] = np.inf
         return depths
 

@@ -210,7 +210,7 @@ class Stage:
             pixel=pixel,
         )
 
-    def depth(self, eye: Eye, size: tuple[int, int]) -> tuple[Floats, int]:
+    def depth(self, eye: Eye, size: tuple[int, int]) -> tuple[NDArray[np.float32], int]:
         """Return distances along the axis, and how many samples a pixel has along each side."""
         canvas = self._canvas(size)
         return canvas.depth(eye, self._solids(), origin=self.origin), canvas.samples

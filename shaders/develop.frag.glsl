@@ -24,6 +24,11 @@ float distance_at(ivec2 at) {
                              : unproject.x + unproject.z * z;
 }
 
+// How much a neighbour stands out, -limit .. limit; what is far in front darkens less.
+float nearer(float by, float limit) {
+    return clamp(by, -limit, limit) * clamp(1.75 - 0.25 * by / reach, 0.0, 1.0);
+}
+
 // Software rasterisers skip no branch, but they do leave loops: hence turns that may be 0.
 float crevice(ivec2 here, float middle, int turns) {
     float hidden = 0.0;
@@ -31,8 +36,8 @@ float crevice(ivec2 here, float middle, int turns) {
         float r = radius * sqrt((float(i) + 0.6) / 9.0), angle = 2.399963 * float(i);
         ivec2 offset = ivec2(round(r * vec2(cos(angle), sin(angle))));
         float limit = reach * length(vec2(offset)) / radius + 1e-6;
-        float a = clamp(middle - distance_at(here + offset), -limit, limit);
-        float b = clamp(middle - distance_at(here - offset), -limit, limit);
+        float a = nearer(middle - distance_at(here + offset), limit);
+        float b = nearer(middle - distance_at(here - offset), limit);
         hidden += max(0.0, a + b) / (2.0 * limit);
     }
     return 1.0 - strength * 0.75 * smoothstep(0.0, 0.75, hidden / 9.0);
