@@ -237,6 +237,21 @@ def test_numbers_follow_the_sensors_that_are_on(tab):
     assert "50 %" in tab.run("document.getElementById('stats').textContent").replace("50.0", "50")
 
 
+def test_coarse_model_in_motion_is_made_of_the_same_vertices_and_faces(tab):
+    data = example()
+    got = tab.run(
+        "(m => ({faces: [...m.faces], origin: [...m.origin]}))(glvis.coarsened(glvis.model(), 4))"
+    )
+    faces, origin = np.reshape(got["faces"], (-1, 3)), np.array(got["origin"])
+    assert 8 <= len(faces) < len(data.models[0].faces) / 2
+    vertices = np.asarray(data.models[0].vertices)
+    moved = np.abs(vertices[faces] - vertices[np.asarray(data.models[0].faces)[origin]])
+    assert moved.max() <= SIZE / 4  # no corner leaves its cell
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area > 0.5 * SIZE**2
+
+
 def test_the_one_gap_is_found_where_it_is(tab):
     model = example().models[0]
     unseen = ~np.any(model.visible, axis=0)
@@ -344,28 +359,26 @@ def test_faces_have_the_color_of_their_sensor_and_unseen_ones_are_loud(tab):
     assert np.mean(right) > 0.95  # the optical axes run over the others
 
 
-@pytest.mark.parametrize(
-    ("change", "back"),
-    [
-        ("setMode('overlap')", "setMode('sensor')"),
-        ("setMode('unseen')", "setMode('sensor')"),
-        ("setSensor(1, false)", "setSensor(1, true)"),
-        ("show('frusta', false)", "show('frusta', true)"),
-        ("show('obstacles', false)", "show('obstacles', true)"),
-        ("show('labels', false)", "show('labels', true)"),
-        ("show('edges', true)", "show('edges', false)"),
-        ("setModel(1)", "setModel(0)"),
-        ("setView('Side', 0)", "setView('3D', 0)"),
-        ("lookThrough(1, 0)", "leaveSensor(0)"),
-    ],
-)
-def test_each_switch_changes_the_picture_and_back_again(tab, change, back):
+def test_each_switch_changes_the_picture_and_back_again(tab):
+    switches = {
+        "setMode('overlap')": "setMode('sensor')",
+        "setMode('unseen')": "setMode('sensor')",
+        "setSensor(1, false)": "setSensor(1, true)",
+        "show('frusta', false)": "show('frusta', true)",
+        "show('obstacles', false)": "show('obstacles', true)",
+        "show('labels', false)": "show('labels', true)",
+        "show('edges', true)": "show('edges', false)",
+        "setModel(1)": "setModel(0)",
+        "setView('Side', 0)": "setView('3D', 0)",
+        "lookThrough(1, 0)": "leaveSensor(0)",
+    }
     stage = np.s_[:, :520]  # the picture, without the panel
     before = tab.screenshot()[stage]
-    tab.run(f"glvis.{change}")
-    assert differs(tab.screenshot()[stage], before) > 50
-    tab.run(f"glvis.{back}")
-    assert differs(tab.screenshot()[stage], before) == 0
+    for change, back in switches.items():
+        tab.run(f"glvis.{change}")
+        assert differs(tab.screenshot()[stage], before) > 50, change
+        tab.run(f"glvis.{back}")
+        assert differs(tab.screenshot()[stage], before) == 0, back
 
 
 def test_standard_views_show_the_scene_as_named(tab):

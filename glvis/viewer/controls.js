@@ -117,7 +117,7 @@ function showNumbers(mesh) {
   });
   byId('gaps').replaceChildren(element('h2', {}, 'Largest gaps'), ...(covered.gaps.length
     ? covered.gaps.map((gap, i) => element('button', { type: 'button', title: `${number(gap.nFaces, 0)} connected faces that nobody sees`, click: () => goToGap(gap) },
-      element('b', {}, String(i + 1)), area(gap.area, study.unit)))
+      element('b', {}, String(i + 1)), area(gap.area, study.unit, covered.gaps[0].area)))
     : [element('p', { class: 'note' }, 'None: every face is seen.')]));
 }
 
@@ -244,6 +244,7 @@ function showReadout(hit, x, y) {
 function mark(face) {
   if (marked === face) return;
   marked = face;
+  if (slow) return; // a heavy scene is not drawn again for a highlight
   const fresh = idsFresh;
   redraw();
   idsFresh = fresh; // only a colour changed

@@ -157,6 +157,18 @@ class Painter {
     gl.depthMask(true);
   }
 
+  /** Call back with the milliseconds that the GPU needs for what was asked of it until now. */
+  timed(report) {
+    const { gl } = this, start = performance.now(), fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const poll = () => {
+      if (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) { setTimeout(poll, 10); return; }
+      gl.deleteSync(fence);
+      report(performance.now() - start);
+    };
+    setTimeout(poll, 0);
+  }
+
   /** Draw IDs at CSS resolution: each thing counts from its `firstId`; 0 is nothing. */
   drawIds(things, worldToClip, width, height) {
     const { gl } = this;

@@ -16,13 +16,14 @@ const MODES = [
   ['overlap', 'Overlap', 'How many sensors see each face'],
   ['unseen', 'Unseen', 'The faces that no sensor sees, also through what hides them'],
 ];
-let models, painter, camera, glyphSize, covered;
+let models, painter, camera, glyphSize;
+let covered, painted;     // counts of the current model, palette entries of its faces
 let things = {};          // what is on the GPU: model, obstacles, bodies
 let turned = 0;           // quarter turns that show the front of open scenes, radians
 let home = null;          // camera and view to go back to from a sensor's view
 let move = null;          // running blend of the camera
 let idsFresh = false, pending = false, marked = -1;
-let slow = false, lastFrame = 0, steered = -1e9, rest = 0; // see frame()
+let slow = false, steered = -1e9, rest = 0; // see frame()
 
 // ---------------------------------------------------------------- drawing
 
@@ -38,16 +39,15 @@ function frame(time) {
     camera.state = Camera.between(move.from, move.to, t * t * (3 - 2 * t));
     if (t === 1) move = null;
   }
-  // A scene too heavy for smooth motion is drawn coarser while it moves, and sharp at rest.
-  const moving = move !== null || time - steered < 200, interval = time - lastFrame;
-  if (moving && interval > 90 && interval < 400) slow = true;
-  lastFrame = time;
-  resize(slow && moving ? 0.5 : 1);
-  draw();
+  // A scene too heavy for smooth motion is drawn coarser while it moves, and in full at rest.
+  const moving = move !== null || time - steered < 200, coarse = slow && moving;
+  resize(coarse ? 0.5 : 1);
+  draw(coarse);
+  if (!coarse) painter.timed((milliseconds) => { slow = milliseconds > 120; });
   clearTimeout(rest);
   rest = 0;
   if (move) redraw();
-  else if (slow && moving) rest = setTimeout(redraw, 250);
+  else if (coarse) rest = setTimeout(redraw, 250);
 }
 
 function resize(quality = 1) {
@@ -63,21 +63,33 @@ function resize(quality = 1) {
   }
 }
 
-function visibleThings() {
-  const list = [things.model];
+function visibleThings(coarse = false) {
+  const list = [coarse ? coarseModel() : things.model];
   if (things.obstacles && state.obstacles) list.push(things.obstacles);
   if (state.through < 0) list.push(things.bodies);
   return list;
 }
 
-function draw() {
+/** The model with fewer faces, made when first needed; small models stay as they are. */
+function coarseModel() {
+  if (things.model.nFaces < 2e5) return things.model;
+  if (!things.coarse) {
+    const mesh = coarsened(models[state.model]);
+    things.coarse = Object.assign(painter.upload(corners(mesh)), { origin: mesh.origin, painted: null });
+  }
+  if (things.coarse.painted !== painted) painter.setPaint(things.coarse, things.coarse.origin.map((f) => painted[f]));
+  things.coarse.painted = painted;
+  return Object.assign(things.coarse, { cutAway: state.cut });
+}
+
+function draw(coarse = false) {
   const shot = camera.shot();
   // Over the viewer's left shoulder, and never from below.
   const light = add(add(add(scaled(shot.direction, -1), shot.right, -0.45), shot.up, 0.55), camera.up, 0.35);
   Object.assign(things.model, { edges: state.edges, marked, ghost: state.mode === 'unseen' && state.through < 0, cutAway: state.cut });
   if (things.obstacles) things.obstacles.cutAway = state.cut;
   painter.setLines(sensorLines(sensors, state, glyphSize));
-  painter.draw(visibleThings(), { ...shot, up: camera.up, keyLight: unit(light), pixel: canvas.width / camera.width });
+  painter.draw(visibleThings(coarse), { ...shot, up: camera.up, keyLight: unit(light), pixel: canvas.width / camera.width });
   placeLabels(shot);
   placeScale(shot);
 }
@@ -110,7 +122,8 @@ function refresh(recount = true) {
     covered = coverage(mesh, sensors, state.on);
     covered.gaps = gaps(mesh, covered.counts);
   }
-  painter.setPaint(things.model, paint(mesh, sensors, state, covered.counts));
+  painted = paint(mesh, sensors, state, covered.counts);
+  painter.setPaint(things.model, painted);
   const bodies = new Uint16Array(things.bodies.nFaces);
   sensors.forEach((_, s) => bodies.fill(state.on[s] ? FIRST_SENSOR + s : DIM, s * BODY_FACES, (s + 1) * BODY_FACES));
   painter.setPaint(things.bodies, bodies);
@@ -123,7 +136,8 @@ function setModel(index) {
   state.model = (index + models.length) % models.length;
   const mesh = models[state.model];
   if (!mesh.normals) measure(mesh);
-  if (things.model) painter.release(things.model);
+  for (const name of ['model', 'coarse']) if (things[name]) painter.release(things[name]);
+  things.coarse = null;
   things.model = painter.upload(corners(mesh));
   marked = -1;
   hideReadout();
@@ -288,6 +302,7 @@ window.glvis = {
   read: (face) => readFace(models[state.model], face),
   frame: () => camera.frame(sensors[state.through]),
   covered: () => covered,
+  coarsened,
   camera: () => camera,
   model: () => models[state.model],
   settled: () => !move && !pending && !rest,

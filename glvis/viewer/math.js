@@ -57,9 +57,10 @@ function number(x, digits = Math.abs(x) >= 1000 ? 0 : Math.abs(x) >= 100 ? 1 : 2
   return x.toLocaleString('en-US', { maximumFractionDigits: digits }).replace('-', '−');
 }
 
-/** An area for readers; many square millimetres are square metres. */
-function area(x, lengthUnit) {
-  return lengthUnit === 'mm' && x >= 1e5 ? `${number(x / 1e6)} m²` : `${number(x)} ${lengthUnit}²`;
+/** An area for readers, in the unit that suits `like`: many square millimetres are square metres. */
+function area(x, lengthUnit, like = x) {
+  const [factor, unit] = lengthUnit !== 'mm' || like < 1e4 ? [1, lengthUnit] : like < 1e6 ? [1e-2, 'cm'] : [1e-6, 'm'];
+  return `${number(x * factor)} ${unit}²`;
 }
 
 /** A share for readers; nothing is rounded to none or to all. */

@@ -94,6 +94,34 @@ function corners(mesh) {
   return { positions, packed };
 }
 
+/**
+ * The mesh with one vertex a cell of a grid and only the faces that still span three cells;
+ * `origin` says for each face which one of the full mesh it was.
+ */
+function coarsened({ vertices, faces }, cells = 96) {
+  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+  for (let i = 0; i < vertices.length; i++) {
+    low[i % 3] = Math.min(low[i % 3], vertices[i]);
+    high[i % 3] = Math.max(high[i % 3], vertices[i]);
+  }
+  const size = Math.max(...sub(high, low)) / cells || 1, first = new Map();
+  const kept = new Uint32Array(vertices.length / 3); // the first vertex in the cell of each
+  for (let v = 0; v < kept.length; v++) {
+    const [x, y, z] = [0, 1, 2].map((j) => Math.floor((vertices[3 * v + j] - low[j]) / size));
+    const cell = (x * (cells + 1) + y) * (cells + 1) + z;
+    if (!first.has(cell)) first.set(cell, v);
+    kept[v] = first.get(cell);
+  }
+  const out = [], origin = [];
+  for (let k = 0; k < faces.length; k += 3) {
+    const a = kept[faces[k]], b = kept[faces[k + 1]], c = kept[faces[k + 2]];
+    if (a === b || b === c || c === a) continue;
+    out.push(a, b, c);
+    origin.push(k / 3);
+  }
+  return measure({ vertices, faces: new Uint32Array(out), nFaces: origin.length, origin: new Uint32Array(origin) });
+}
+
 /** Several meshes as one (obstacles); `owner` says for each face which mesh it came from. */
 function merged(meshes) {
   const nFaces = meshes.reduce((n, m) => n + m.nFaces, 0);
