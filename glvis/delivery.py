@@ -8,15 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from glvis.errors import MachineError, StudyError
+from glvis.exports import write_exports, write_poses
 from glvis.folder import INDEX, ResultFolder, renewed_files
+from glvis.mounting import mounting_lines
 from glvis.page import write_page
 from glvis.pictures import SIZE, write_views
 from glvis.placement import Placement
 from glvis.reading import read_result
 from glvis.report import page_data
 from glvis.result import write_data, write_summary
+from glvis.surfaces import write_surfaces
 
 VIEWS, PAGE = "views", "report.html"
+MOUNTING, POSES, EXPORTS = "mounting.txt", "poses.csv", "exports"
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ def deliver(
     failures = []
     try:
         write_data(placement, folder.staging)
+        _write_for_others(placement, folder.staging)
         write_page(folder.staging / PAGE, page_data(placement))
         if pictures:
             failures = _tried(placement, folder)
@@ -127,11 +132,21 @@ def write_pictures(placement: Placement, directory: Path, look: Look | None = No
     )
 
 
+def _write_for_others(placement: Placement, directory: Path) -> None:
+    """Write what installers and other tools read."""
+    text = "\n".join(mounting_lines(placement)) + "\n"
+    (directory / MOUNTING).write_text(text, encoding="utf-8")
+    write_poses(placement, directory / POSES)
+    (directory / EXPORTS).mkdir()
+    write_exports(placement, directory / EXPORTS)
+    write_surfaces(placement, directory / EXPORTS)
+
+
 def summary_of_files(directory: Path) -> str:
     """Return in a line what lies in a result folder."""
-    names = [INDEX, "coverage.csv", "sensors.csv", "visibility.npz", PAGE]
     views = [f"{VIEWS}/"] if (directory / VIEWS).is_dir() else []
-    return f"Result: {directory} ({', '.join([*names, *views])})"
+    names = [PAGE, *views, INDEX, "coverage.csv", MOUNTING, POSES, f"{EXPORTS}/"]
+    return f"Result: {directory} ({', '.join(names)}, ...)"
 
 
 def _tried(placement: Placement, folder: ResultFolder) -> list[str]:

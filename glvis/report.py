@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from glvis.mounting import mounting_lines
 from glvis.page import PageData, PageModel, PageObstacle, PageSensor, PageTable, PageTrace
 from glvis.placement import Placement
 from glvis.result import versions
@@ -46,6 +47,7 @@ def page_data(placement: Placement) -> PageData:
         tables=[_coverage(placement), _sensors(placement)],
         trace=_trace(placement),
         facts=_facts(placement),
+        mounting=mounting_lines(placement),
         incidence=study.visibility.incidence,
     )
 

@@ -19,15 +19,11 @@ from glvis.placement import Progress
 from glvis.reading import read_result
 from glvis.terminal import _Lines, duration, table
 
-DATA = [
-    "coverage.csv",
-    "report.html",
-    "result.json",
-    "sensors.csv",
-    "study.toml",
-    "trace.csv",
-    "visibility.npz",
-]
+EXPORTS = ["README.txt", "blender_scene.py", "colmap/cameras.txt", "colmap/images.txt"]
+EXPORTS += ["colmap/points3D.txt", "cube.ply", "ros/sensors.urdf", "ros/static_transforms.sh"]
+EXPORTS += ["scene.glb", "small.ply"]
+DATA = ["coverage.csv", *(f"exports/{name}" for name in EXPORTS), "mounting.txt", "poses.csv"]
+DATA += ["report.html", "result.json", "sensors.csv", "study.toml", "trace.csv", "visibility.npz"]
 
 
 @pytest.fixture
@@ -236,7 +232,7 @@ def test_pictures_come_with_a_result_and_can_be_made_again(glvis_cli, study, tmp
         path.name for path in views
     }
     assert index_of(out)["files"] == files_below(out)
-    assert text.endswith("report.html, views/)\n")
+    assert "(report.html, views/, result.json, " in text
     (out / "views" / "notes.txt").write_text("mine")
     first = {path: path.read_bytes() for path in views}
     for path in views[::2]:
