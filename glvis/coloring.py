@@ -21,6 +21,7 @@ from glvis.palette import (
     rgb,
     sensor_colors,
 )
+from glvis.places import number
 from glvis.scene import Model
 from glvis.sensor import Sensor
 from glvis.visibility import VisibilityMap
@@ -31,7 +32,7 @@ Colors = NDArray[np.uint8]
 KINDS = ("sensor", "overlap", "incidence", "distance", "unseen")
 STRIPED = 128  # opacity that marks striped faces, see shading.Solid.paint
 BACK_COLOR = rgb("#4F4B47")  # as shaded.frag.glsl has it
-_MAX_ROWS = 16  # of a legend
+_MAX_ROWS = 36  # of a legend
 
 # Viridis (van der Walt and Smith 2015, CC0), light first: light is near and square.
 _RAMP = ("#FDE725", "#ADDC30", "#5EC962", "#28AE80", "#21918C", "#2C728E", "#3B528B", "#472D7B")
@@ -191,8 +192,8 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
             Swatch(colors[s], f"seen by {name}", share(visible.mean())),
             Swatch(SEEN_COLOR, "not counted", share(1 - visible.mean())),
         ],
-        note=f"Not counted: nearer than {sensor.min_distance:g}\u00a0{seen.unit}, "
-        f"farther than {sensor.max_distance:g}\u00a0{seen.unit}, more oblique than {angle}, "
+        note=f"Not counted: nearer than {number(sensor.min_distance)}\u00a0{seen.unit}, "
+        f"farther than {number(sensor.max_distance)}\u00a0{seen.unit}, more oblique than {angle}, "
         "hidden, or outside the picture.",
     )
 
@@ -281,9 +282,9 @@ def _by_value(
     colors = ramp_colors(np.where(is_unseen, bar.low, value), bar.low, bar.high)
     seen = value[~is_unseen]
     if len(seen):
-        note = f"Median {float(f'{np.median(seen):.3g}'):g}\u00a0{bar.unit}. {note}".replace(
-            "\u00a0°", "°"
-        )
+        median = number(float(f"{np.median(seen):.3g}"))
+        gap = "" if bar.unit == "°" else "\u00a0"
+        note = f"Median {median}{gap}{bar.unit}. {note}"
     return Coloring(title, _with_unseen(colors, is_unseen), [unseen_swatch(is_unseen)], bar, note)
 
 

@@ -21,6 +21,8 @@ _BOX = (0.42, 0.30, 0.55)
 _PLANE = 0.55  # half of the image plane's longer side
 _BOX_SHADE = 0.45  # the box is this much darker than the sensor's colour
 
+_CLEAR = 8  # sensors whose frusta can be told apart; those of more are drawn fainter
+
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 
 
@@ -95,6 +97,7 @@ def sensor_lines(
         Whether to draw the frusta.
     """
     ends, tints, widths = [], [], []
+    faint = min(1.0, _CLEAR / max(1, len(sensors)))
 
     def add(segments: Floats, pose: Floats, color: Colors, opacity: float, width: float) -> None:
         ends.append(sensor_points(pose[None], segments.reshape(1, -1, 3)).reshape(-1, 2, 3))
@@ -111,10 +114,10 @@ def sensor_lines(
         ridge[1] += 0.3 * size
         add(np.array([[top[0], ridge], [ridge, top[1]]]), pose, color, 1.0, 2.0)
         if with_frusta:
-            add(_loop(near), pose, color, 0.50, 1.1)
-            add(_loop(far), pose, color, 0.50, 1.1)
-            add(np.stack([near, far], axis=1), pose, color, 0.38, 1.1)
-            add(np.stack([np.zeros_like(near), near], axis=1), pose, color, 0.22, 1.0)
+            add(_loop(near), pose, color, 0.50 * faint, 1.1)
+            add(_loop(far), pose, color, 0.50 * faint, 1.1)
+            add(np.stack([near, far], axis=1), pose, color, 0.38 * faint, 1.1)
+            add(np.stack([np.zeros_like(near), near], axis=1), pose, color, 0.22 * faint, 1.0)
     return np.concatenate(ends), np.concatenate(tints).astype(np.uint8), np.concatenate(widths)
 
 

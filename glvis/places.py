@@ -65,6 +65,19 @@ def round_length(longest: float) -> float:
     return float(f"{length:.0e}")
 
 
+def number(value: float) -> str:
+    """Return a number for people: no exponent where it can be helped, thousands apart."""
+    text = f"{value:.6g}"
+    if "e" in text and abs(value) >= 1:
+        text = f"{value:.0f}"
+    elif "e" in text and abs(value) >= 1e-6:
+        text = f"{value:.12f}".rstrip("0")
+    whole, _, rest = text.partition(".")
+    if len(whole.lstrip("-")) > 4 and "e" not in text:
+        whole = f"{int(whole):,}".replace(",", "\u00a0")
+    return (f"{whole}.{rest}" if rest else whole).replace("-", "−")
+
+
 def ticks(low: float, high: float, wanted: int = 5) -> list[float]:
     """Return round numbers from low to high, and the two ends."""
     step = round_length((high - low) / (wanted - 1) * 1.5)

@@ -40,9 +40,8 @@ def sides_sheet(
     sheet, box = _prepared(stage, painted, size)
     views = stage.views()
     far_side = stage.other_side(_directed(views["perspective"], direction))
-    cells = grid(box, 2, 2, sheet.units(12))
     wanted = [*(views[k] for k in ("top", "front", "side")), far_side]
-    for cell, view in zip(cells, wanted, strict=True):
+    for cell, view in zip(_cells(sheet, box, stage, wanted, (1, 2, 4)), wanted, strict=True):
         _panel(sheet, cell, stage, view, with_rig=view.is_parallel)
     return sheet
 
@@ -57,17 +56,8 @@ def close_sheet(
     sheet, box = _prepared(stage, painted, size)
     first = _directed(stage.views()["perspective"], direction)
     views = [first, stage.other_side(first)]
-    gap = sheet.units(12)
-
-    def scale(cells: list[Box]) -> float:
-        return min(
-            stage.eye(view, frame.size, with_rig=False).pixels_per_length(frame.size)
-            for view, frame in zip(views, (_without_strip(sheet, c) for c in cells), strict=True)
-        )
-
-    cells = max((grid(box, 2, 1, gap), grid(box, 1, 2, gap)), key=scale)
     relief = _HEAT_RELIEF if painted.bar else 1.0
-    for cell, view in zip(cells, views, strict=True):
+    for cell, view in zip(_cells(sheet, box, stage, views, (1, 2)), views, strict=True):
         _panel(sheet, cell, stage, view, relief=relief)
     return sheet
 
@@ -138,22 +128,37 @@ def _panel(
     axes = rigid_inverse(eye.camera_to_world)[:3, :3]
     middle = frame.bottom + strip // 2
     sheet.triad(box.x + round(0.8 * strip), middle, round(0.56 * strip), axes)
-    title = _view_title(stage, view)
-    sheet.text(box.x + round(1.6 * strip), middle, title, size=16, anchor="lm")
-    sheet.scale_bar(
+    end = sheet.scale_bar(
         box.right - sheet.units(18),
         middle + sheet.units(11),
         per_length,
         round(0.22 * box.width),
         stage.study.unit,
-        "" if eye.is_parallel else " in the middle",
+        "" if eye.is_parallel or box.width < sheet.units(480) else " in the middle",
     )
+    left = box.x + round(1.6 * strip)
+    title = sheet.shortened(_view_title(stage, view), end - sheet.units(12) - left, 16)
+    sheet.text(left, middle, title, size=16, anchor="lm")
 
 
 def _without_strip(sheet: Sheet, box: Box) -> Box:
     """Return the part of a box that is left above the strip for axes and scale bar."""
     strip = min(sheet.units(_STRIP), box.height // 3)
     return Box(box.x, box.y, box.width, box.height - strip)
+
+
+def _cells(
+    sheet: Sheet, box: Box, stage: Stage, views: list[View], columns: tuple[int, ...]
+) -> list[Box]:
+    """Return the grid, of one of the numbers of columns, that shows the views largest."""
+
+    def scale(cells: list[Box]) -> float:
+        return sum(
+            stage.eye(view, frame.size, with_rig=view.is_parallel).pixels_per_length(frame.size)
+            for view, frame in zip(views, (_without_strip(sheet, c) for c in cells), strict=True)
+        )
+
+    return max((grid(box, n, len(views) // n, sheet.units(12)) for n in columns), key=scale)
 
 
 def _view_title(stage: Stage, view: View) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from glvis.coloring import Bar, Coloring, Swatch, ramp_colors, seen_by_one, share
 from glvis.palette import rgb
-from glvis.places import Box, grid
+from glvis.places import Box, grid, number
 from glvis.scenesheets import SIZE, neutral_rows, subtitle
 from glvis.sheet import Sheet
 from glvis.stage import Stage
@@ -39,8 +39,8 @@ def depth_sheet(stage: Stage, s: int, size: tuple[int, int] = SIZE) -> Sheet:
         f"{name}: the depth it measures",
         np.zeros((0, 4), dtype=np.uint8),
         [
-            *([Swatch(_NEARER, f"nearer than {low:g} {unit}")] if low > 0 else []),
-            Swatch(_FARTHER, f"beyond {high:g} {unit}"),
+            *([Swatch(_NEARER, f"nearer than {number(low)} {unit}")] if low > 0 else []),
+            Swatch(_FARTHER, f"beyond {number(high)} {unit}"),
             Swatch(_NOTHING, "nothing there"),
         ],
         Bar(low, high, "distance along the axis", unit),
@@ -116,7 +116,7 @@ def _sensor_page(
     sheet.heading(
         f"{painted.title} of {stage.seen.model.name}",
         f"{sensor.name} · {pixels} · {hfov:.4g}° × {vfov:.4g}° · "
-        f"{sensor.min_distance:g} to {sensor.max_distance:g} {stage.study.unit}",
+        f"{number(sensor.min_distance)} to {number(sensor.max_distance)} {stage.study.unit}",
     )
     box = Box(margin, top, width, height)
     return sheet, box, Box(box.right + gap, top, legend, needed)

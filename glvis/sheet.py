@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from glvis.coloring import Bar, Coloring, Swatch, ramp_colors
-from glvis.places import Box, label_places, readable, round_length, ticks
+from glvis.places import Box, label_places, number, readable, round_length, ticks
 
 Floats = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -160,16 +160,18 @@ class Sheet:
         elif any(row.value for row in rows):
             self.text(box.right, y, coloring.heading, size=15, color=SOFT_INK, anchor="ra")
             y += self.units(25)
-        step, chip = self.units(31), self.units(22)
+        below = self.paragraph(0, self.units(14), box.width, coloring.note, measure=True)
+        step = min(self.units(31), max(9, (box.bottom - y - below) // max(1, len(rows))))
+        chip, text_size = round(0.71 * step), min(18.0, 0.58 * step / self.unit)
         for row in rows:
             self.chip(box.x, y, chip, row)
             middle = y + chip // 2
             room = box.width - self.units(34)
             if row.value:
-                self.text(box.right, middle, row.value, anchor="rm")
-                room -= self.text_width(row.value) + self.units(10)
-            label = self.shortened(row.label, room, 18)
-            self.text(box.x + self.units(34), middle, label, anchor="lm")
+                self.text(box.right, middle, row.value, size=text_size, anchor="rm")
+                room -= self.text_width(row.value, text_size) + self.units(10)
+            label = self.shortened(row.label, room, text_size)
+            self.text(box.x + self.units(34), middle, label, size=text_size, anchor="lm")
             y += step
         if coloring.note:
             self.paragraph(box.x, y + self.units(14), box.width, coloring.note)
@@ -202,8 +204,8 @@ class Sheet:
                 fill=INK,
                 width=max(1, self.units(1.5)),
             )
-            label = f"{value:g}".replace("-", "−")
-            self.text(box.x + width + self.units(12), at, label, size=16, anchor="lm")
+            left = box.x + width + self.units(12)
+            self.text(left, at, number(value), size=16, anchor="lm")
         return box.bottom
 
     def paragraph_ink(self, x: int, y: int, width: int, text: str) -> int:
@@ -215,8 +217,8 @@ class Sheet:
 
     def scale_bar(
         self, right: int, y: int, pixels_per_length: float, room: int, unit: str, remark: str = ""
-    ) -> None:
-        """Draw a bar of a round length that ends at ``right``, its label over it."""
+    ) -> int:
+        """Draw a bar of a round length that ends at ``right``; return where it and label begin."""
         length = round_length(room / pixels_per_length)
         width = max(1, round(length * pixels_per_length))
         thick, tick = max(1, self.units(2.5)), self.units(5)
@@ -224,8 +226,9 @@ class Sheet:
         self._draw.rectangle((left, y, right, y + thick - 1), fill=INK)
         for x in (left, right - thick + 1):
             self._draw.rectangle((x, y - tick, x + thick - 1, y + thick - 1 + tick), fill=INK)
-        text = f"{length:g} {unit}{remark}"
+        text = f"{number(length)} {unit}{remark}"
         self.text(right, y - self.units(8), text, size=16, anchor="rd")
+        return min(left, right - self.text_width(text, 16))
 
     def triad(self, x: int, y: int, size: int, axes: Floats) -> None:
         """Draw the world's axes; a point is in the middle of them.
