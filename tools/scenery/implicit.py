@@ -57,23 +57,18 @@ def rounded_box(points: Array, centre: Array, half: Array, radius: float) -> Arr
     return length(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0) - radius
 
 
-def gradient(field: Field, points: Array, step: float) -> Array:
-    """Return the central differences of a field, (N, 3)."""
-    result = np.zeros_like(points)
-    for axis in range(3):
-        offset = np.zeros(3)
-        offset[axis] = step
-        result[:, axis] = (field(points + offset) - field(points - offset)) / (2 * step)
-    return result
-
-
 def onto_zero(field: Field, points: Array, in_plane: NDArray[np.bool_], step: float) -> Array:
     """Return points moved onto the zero surface by Newton steps; some keep their z."""
     points = points.copy()
     for _ in range(2):
-        slope = gradient(field, points, step)
+        here = field(points)
+        slope = np.zeros_like(points)
+        for axis in range(3):
+            ahead = points.copy()
+            ahead[:, axis] += step
+            slope[:, axis] = (field(ahead) - here) / step
         slope[in_plane, 2] = 0.0
-        points -= slope * (field(points) / np.maximum(dot(slope, slope), 0.05))[:, None]
+        points -= slope * (here / np.maximum(dot(slope, slope), 0.05))[:, None]
     return points
 
 

@@ -124,7 +124,7 @@ class Remesher:
         for _ in range(iterations):
             while self._split():
                 pass
-            while self._collapse() > len(self.faces) // 200:
+            while self._collapse() > len(self.faces) // 50:
                 pass
             while self._flip():
                 pass
