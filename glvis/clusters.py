@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from glvis.scene import Model
 
-_SIZE_SMALL, _SIZE_LARGE, _LARGE = 4, 64, 100_000  # faces a cluster; measured by tools/bench
+_SIZE_SMALL, _SIZE_LARGE, _LARGE = 4, 16, 100_000  # faces a cluster; measured by tools/bench
 _SLACK = 1e-5  # of the scene's extent: float32 on the GPU may round a boundary the other way
 _MORTON_BITS = 10
 
@@ -67,9 +67,9 @@ class Clusters:
     def __len__(self) -> int:
         return len(self.order) // self.size
 
-    def faces_in(self, mask: Bools) -> NDArray[np.int32]:
-        """Return the face indices of chosen clusters (C,) bool; padding repeats some."""
-        return self.order.reshape(-1, self.size)[mask].ravel()
+    def places_in(self, mask: Bools) -> NDArray[np.intp]:
+        """Return the places in ``order`` of chosen clusters (C,) bool; padding repeats faces."""
+        return np.flatnonzero(np.repeat(mask, self.size))
 
     def in_frustum(self, planes: Floats) -> Bools:
         """Return which clusters may show inside frusta, (N, C) bool (CropFOV).

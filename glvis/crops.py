@@ -30,15 +30,28 @@ _TOLERANCE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class FaceTable:
-    """Centres of mass and normals of a model's faces by coordinate, (3, F) float64 each."""
+    """Faces of a model in an order in which neighbours lie side by side, T of them.
 
+    Attributes
+    ----------
+    index : (T,) int
+        Face indices of the model; a face may stand twice.
+    centroids, normals : (3, T) float64
+        Centres of mass and unit normals by coordinate.
+    """
+
+    index: Indices
     centroids: Floats
     normals: Floats
 
     @classmethod
-    def of(cls, model: Model) -> FaceTable:
-        """Return the table of a model."""
-        return cls(np.ascontiguousarray(model.centroids.T), np.ascontiguousarray(model.normals.T))
+    def of(cls, model: Model, index: Indices) -> FaceTable:
+        """Return the table of some faces of a model, in their order."""
+        return cls(
+            index,
+            np.ascontiguousarray(model.centroids[index].T),
+            np.ascontiguousarray(model.normals[index].T),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,30 +89,30 @@ class CameraFaces:
         return self.rows[5] - self.rows[3] * x - self.rows[4] * y
 
 
-def in_camera(table: FaceTable, index: Indices, camera_to_world: Floats) -> CameraFaces:
+def in_camera(table: FaceTable, columns: Indices, camera_to_world: Floats) -> CameraFaces:
     """Return those of some faces whose centres lie before a camera, in its frame.
 
     Parameters
     ----------
     table : FaceTable
-        All faces, in the world frame.
-    index : (n,) int
-        Face indices.
+        Faces in the world frame.
+    columns : (n,) int
+        Which of the table.
     camera_to_world : (4, 4) float64
         The pose.
     """
     to_camera = camera_to_world[:3, :3].T
-    centre = to_camera @ table.centroids.take(index, axis=1)
+    centre = to_camera @ table.centroids.take(columns, axis=1)
     centre -= (to_camera @ camera_to_world[:3, 3])[:, None]
     depth = -centre[2]
     if depth.min(initial=1) <= 0:
         before = np.flatnonzero(depth > 0)
-        index, centre, depth = index[before], centre[:, before], depth[before]
-    rows = np.zeros((6, len(index)))
+        columns, centre, depth = columns[before], centre[:, before], depth[before]
+    rows = np.zeros((6, len(columns)))
     rows[:2] = centre[:2] / depth
     rows[2] = depth
-    rows[3:] = to_camera @ table.normals.take(index, axis=1)
-    return CameraFaces(index, rows)
+    rows[3:] = to_camera @ table.normals.take(columns, axis=1)
+    return CameraFaces(table.index.take(columns), rows)
 
 
 def crop_centroids(faces: CameraFaces, sensor: Sensor, *, by_axis: bool) -> Bools:

@@ -127,7 +127,7 @@ class VisibilityMap:
 # Pixels that a typical face's side spans at maxD when the resolution is "auto". Both come from
 # rays to 64 points of every face of six arms, see tools/bench: with the second look the pixels
 # criterion then misses less than 0.1 % of the faces that are at least half visible.
-_PIXELS_A_SIDE = {"pixels": 2.0, "centroid": 1.2}
+_PIXELS_A_SIDE = {"pixels": 1.5, "centroid": 1.2}
 _SMALLEST = 64  # pixels along the longer side; below it the whole image is too coarse a net
 
 
