@@ -6,17 +6,19 @@ Exit codes: 0, 2 for what the user wrote (``StudyError``), 1 for what the machin
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from glvis import __version__
 from glvis.errors import MachineError, StudyError
+
+if TYPE_CHECKING:
+    from glvis.study import Study
 
 app = typer.Typer(
     name="glvis",
@@ -103,20 +105,19 @@ def check(study: _StudyFile, overrides: _Set = None) -> None:
     Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
     resolution of the renders, the OpenGL driver, and how long a full run takes here.
     """
-    from glvis.checks import study_warnings
     from glvis.estimate import measured_cost
     from glvis.study import load_study
     from glvis.terminal import say
-    from glvis.wording import cost_lines, resolution_warnings, study_lines
+    from glvis.wording import cost_lines, study_lines
+    from glvis.workers import available_cores
 
     loaded = load_study(study, overrides or ())
     for line in study_lines(loaded):
         say(line)
     say()
-    warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
-    for warning in warnings:
+    for warning in _warnings(loaded):
         say(f"Warning: {warning}")
-    for line in cost_lines(measured_cost(loaded), os.cpu_count() or 1):
+    for line in cost_lines(measured_cost(loaded), available_cores()):
         say(line)
 
 
@@ -144,18 +145,17 @@ def evaluate(
     Writes study.toml (as run), result.json (poses, coverage), coverage.csv and sensors.csv
     (tables), visibility.npz (which sensor sees which face) and pictures in views/.
     """
-    from glvis.checks import study_warnings
     from glvis.delivery import deliver, summary_of_files
     from glvis.folder import result_folder
     from glvis.placement import evaluate_poses
     from glvis.reading import read_poses
     from glvis.study import load_study
     from glvis.terminal import say
-    from glvis.wording import resolution_warnings, result_lines
+    from glvis.wording import result_lines
 
     loaded = load_study(study, overrides or ())
     given = read_poses(poses, loaded.sensor_names) if poses else None
-    warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
+    warnings = _warnings(loaded)
     with result_folder(output, overwrite=overwrite) as folder:
         placement = evaluate_poses(loaded, given)
         _say_that_pictures_come(not no_pictures)
@@ -171,47 +171,96 @@ def evaluate(
 
 @app.command(
     epilog="Examples:  glvis optimize scenes/arm.toml -o out/arm  or a shorter run:  glvis "
-    "optimize scenes/arm.toml -o out/try --set swarm.particles=50 --set swarm.iterations=30"
+    "optimize scenes/arm.toml -o out/try --set swarm.particles=50 --set swarm.iterations=30  "
+    "or go on with one:  glvis optimize --resume out/arm --extend 50"
 )
 def optimize(
-    study: _StudyFile,
-    output: _Output,
+    study: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="STUDY",
+            help="The study, a TOML file; may be left out with --resume.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for the result; made new."),
+    ] = None,
     overrides: _Set = None,
     seed: Annotated[
         int | None, typer.Option(help="Of the random numbers: the same seed, the same result.")
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes that render; the result is the same for any number. "
+            "As many as there are cores, unless given.",
+        ),
+    ] = None,
     overwrite: _Overwrite = False,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Go on with the search that was cut off, or ended, in DIR."
+        ),
+    ] = None,
+    extend: Annotated[
+        int, typer.Option(min=0, help="Iterations to add to a search, with --resume.")
+    ] = 0,
     no_pictures: _NoPictures = False,
 ) -> None:
     """Search the poses that see most.
 
-    Ctrl-C ends the search well: the best so far is written as a complete result.
+    Ctrl-C ends the search well: the best so far is written as a complete result. The state of
+    the search is kept after every iteration: what was killed goes on with --resume.
 
-    Writes what 'evaluate' writes, and trace.csv (best and mean value of each iteration).
+    Writes what 'evaluate' writes, trace.csv (best and mean value of each iteration) and
+    checkpoint.npz (what --resume needs).
     """
-    from glvis.checks import study_warnings
     from glvis.delivery import deliver, summary_of_files
-    from glvis.folder import result_folder
+    from glvis.folder import STUDY, result_folder
     from glvis.placement import place_sensors
     from glvis.study import load_study
     from glvis.terminal import progress_shown, say
-    from glvis.wording import resolution_warnings, result_lines
+    from glvis.wording import result_lines
+    from glvis.workers import available_cores
 
+    if study and study.is_dir() and not resume:
+        study, resume = None, study
+    if extend and not resume:
+        raise StudyError("--extend adds to a search that was run before: it needs --resume DIR")
+    if resume and output:
+        raise StudyError("-o: a search that goes on writes into its own folder, --resume DIR")
+    directory = resume or output
+    if directory is None or not (study or resume):
+        raise StudyError("needs STUDY and -o DIR, or --resume DIR; 'glvis optimize --help'")
     settings = [*(overrides or ()), *([] if seed is None else [f"swarm.seed={seed}"])]
-    loaded = load_study(study, settings)
-    warnings = [*study_warnings(loaded), *resolution_warnings(loaded)]
-    with result_folder(output, overwrite=overwrite) as folder:
+    early = load_study(study, settings) if study else None  # before any folder is made
+    with result_folder(directory, overwrite=overwrite, resume=resume is not None) as folder:
+        loaded = early or load_study(folder.staging / STUDY, settings)
+        if not resume:
+            folder.keep_study(loaded.text)
+        warnings = _warnings(loaded)
         for warning in warnings:  # before the hours that they may cost
             say(f"Warning: {warning}", error=True)
         with progress_shown() as show:
-            placement = place_sensors(loaded, on_iteration=show)
+            placement = place_sensors(
+                loaded,
+                workers=workers or available_cores(),
+                on_iteration=show,
+                checkpoint=folder.checkpoint,
+                resume=resume is not None,
+                extend=extend,
+            )
         _say_that_pictures_come(not no_pictures)
         failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
     for line in result_lines(placement):
         say(line)
     for warning in [*placement.warnings, *failures]:
         say(f"Warning: {warning}")
-    say(summary_of_files(output))
+    say(summary_of_files(directory))
     if failures:
         raise typer.Exit(1)
 
@@ -257,6 +306,13 @@ def render(
         look = replace(look, view=_two_numbers("--view", view, ",", "30,20"))
     names = render_again(result, look)
     say(f"{len(names)} pictures in {result}: {', '.join(names)}")
+
+
+def _warnings(study: Study) -> list[str]:
+    from glvis.checks import study_warnings
+    from glvis.wording import resolution_warnings
+
+    return [*study_warnings(study), *resolution_warnings(study)]
 
 
 def _say_that_pictures_come(wanted: bool) -> None:

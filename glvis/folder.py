@@ -8,6 +8,7 @@ written by glvis is never touched.
 from __future__ import annotations
 
 import errno
+import filecmp
 import json
 import re
 import shutil
@@ -57,7 +58,9 @@ class ResultFolder:
         with _machine_errors(path):
             if path.exists() and not path.is_dir():
                 raise StudyError(f"{path}: is a file; the result needs a folder")
-            if not resume:
+            if resume:
+                self._refuse_nothing_to_go_on_with()
+            else:
                 self._refuse_what_is_there(overwrite)
             self._made = _made_folders(path)
             try:
@@ -77,6 +80,11 @@ class ResultFolder:
         """Where the state of the search is kept while it runs, and after."""
         return self.staging / CHECKPOINT
 
+    def keep_study(self, text: str) -> None:
+        """Write the study as run beside the checkpoint, for a search to go on from."""
+        with _machine_errors(self.path):
+            (self.staging / STUDY).write_text(text, encoding="utf-8")
+
     def commit(self) -> None:
         """Put the files of ``staging`` in their places; those of an older result go.
 
@@ -92,7 +100,10 @@ class ResultFolder:
 
     def discard(self) -> bool:
         """Remove what was written, unless a search can go on from it; return whether it can."""
-        if self.checkpoint.exists():
+        finished = self.path / CHECKPOINT
+        if self.checkpoint.exists() and not (
+            finished.exists() and filecmp.cmp(self.checkpoint, finished, shallow=False)
+        ):
             return True
         shutil.rmtree(self.staging, ignore_errors=True)
         self._remove_empty()
@@ -122,18 +133,21 @@ class ResultFolder:
                 "choose another folder"
             )
 
-    def _take_back(self) -> None:
-        """Copy checkpoint and study of a finished result into ``staging``, to go on from."""
+    def _refuse_nothing_to_go_on_with(self) -> None:
+        """Raise unless a search was cut off here, or ended and kept its state."""
         if self.checkpoint.exists():
             return
         for name in (STUDY, CHECKPOINT):
             if not (self.path / name).is_file():
-                self.staging.rmdir()
                 raise StudyError(
                     f"{self.path}: holds no search that could go on ({name} is missing)"
                 )
-        for name in (STUDY, CHECKPOINT):  # the checkpoint last: it says that all is there
-            shutil.copyfile(self.path / name, self.staging / name)
+
+    def _take_back(self) -> None:
+        """Copy checkpoint and study of a finished result into ``staging``, to go on from."""
+        if not self.checkpoint.exists():
+            for name in (STUDY, CHECKPOINT):  # the checkpoint last: it says that all is there
+                shutil.copyfile(self.path / name, self.staging / name)
 
     def _remove_empty(self) -> None:
         """Remove the folders that were made for this run and hold nothing."""

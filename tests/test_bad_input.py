@@ -179,7 +179,8 @@ def test_wrong_setting_is_named(capsys, folder, setting, fact):
 @pytest.mark.parametrize(
     ("arguments", "fact"),
     [
-        (["optimize", "STUDY"], "Missing option '-o' / '--output'"),
+        (["evaluate", "STUDY"], "Missing option '-o' / '--output'"),
+        (["optimize", "STUDY", "-o", "out", "--workers", "0"], "value for '--workers': "),
         (["optimize", "STUDY", "-o", "out", "--seed", "one"], "valid int"),
         (["optimize", "STUDY", "-o", "out", "--sed", "1"], "No such option: --sed"),
         (["optimise"], "No such command 'optimise'"),

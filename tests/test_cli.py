@@ -24,6 +24,7 @@ EXPORTS += ["colmap/points3D.txt", "cube.ply", "ros/sensors.urdf", "ros/static_t
 EXPORTS += ["scene.glb", "small.ply"]
 DATA = ["coverage.csv", *(f"exports/{name}" for name in EXPORTS), "mounting.txt", "poses.csv"]
 DATA += ["report.html", "result.json", "sensors.csv", "study.toml", "trace.csv", "visibility.npz"]
+SEARCHED = ["checkpoint.npz", *DATA]
 
 
 @pytest.fixture
@@ -37,7 +38,10 @@ def glvis_cli(capsys):
     """Run the command line in this process; return exit code, output and errors."""
 
     def run(*arguments) -> tuple[int, str, str]:
-        code = main([str(argument) for argument in arguments])
+        words = [str(argument) for argument in arguments]
+        if words[0] == "optimize" and "--workers" not in words and "--help" not in words:
+            words += ["--workers", "1"]  # others take seconds to start
+        code = main(words)
         out, err = capsys.readouterr()
         return code, out, err
 
@@ -133,7 +137,7 @@ def test_optimize_writes_a_whole_result(glvis_cli, study, tmp_path):
     out = tmp_path / "out"
     code, text, err = glvis_cli("optimize", study, "-o", out, "--no-pictures")
     assert code == 0
-    assert files_below(out) == DATA
+    assert files_below(out) == SEARCHED
     found = read_result(out)
     assert found.value >= found.start_value
     assert found.stop_reason == "finished: all 2 iterations done"
@@ -188,7 +192,7 @@ def test_nothing_is_written_outside_the_result_folder(glvis_cli, study, tmp_path
     before = files_below(tmp_path)
     assert glvis_cli("optimize", study, "-o", "out", "--no-pictures")[0] == 0
     new = set(files_below(tmp_path)) - set(before)
-    assert new == {f"here/out/{name}" for name in DATA}
+    assert new == {f"here/out/{name}" for name in SEARCHED}
 
 
 def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, monkeypatch):
@@ -291,6 +295,7 @@ def test_doctor_names_the_driver(glvis_cli):
     assert out.endswith("The driver draws the known scene of the self-test as it should\n")
 
 
+QUICK = ["--no-pictures", "--workers", "1"]
 ENDLESS = "iterations = 1000000\nstall_iterations = 1000000"
 
 
@@ -299,7 +304,7 @@ def test_interrupted_search_ends_in_a_complete_result(tmp_path, number):
     (tmp_path / "study").mkdir()
     study = write_small_study(tmp_path / "study", SMALL.replace("iterations = 2", ENDLESS))
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, "--no-pictures"]
+    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, *QUICK]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as p:
         try:
             assert p.stderr.readline().startswith("iteration 0/1000000")
@@ -309,20 +314,97 @@ def test_interrupted_search_ends_in_a_complete_result(tmp_path, number):
             p.kill()
     assert p.returncode == 0
     assert "\nInterrupted: " in text
-    assert files_below(out) == DATA
+    assert files_below(out) == SEARCHED
     found = read_result(out)
     assert found.stop_reason.startswith("interrupted: ")
     assert found.value >= found.start_value
 
 
+def started(*arguments) -> subprocess.Popen:
+    """Start a search that has no end, and return when its first iteration is done."""
+    command = [sys.executable, "-m", "glvis", "optimize", *arguments, *QUICK]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert "  best " in process.stderr.readline()
+    return process
+
+
+def test_killed_search_goes_on_to_the_result_of_an_unbroken_one(glvis_cli, tmp_path):
+    (tmp_path / "study").mkdir()
+    text = SMALL.replace("iterations = 2", "iterations = 60\nstall_iterations = 60")
+    study = write_small_study(tmp_path / "study", text)
+    broken, whole = tmp_path / "broken", tmp_path / "whole"
+    with started(study, "-o", broken) as process:
+        process.kill()
+    assert files_below(broken) in (
+        ["unfinished/checkpoint.npz", "unfinished/study.toml"],
+        ["unfinished/checkpoint.npz", "unfinished/checkpoint.npz.part", "unfinished/study.toml"],
+    )
+    code, _, err = glvis_cli("optimize", study, "-o", broken, "--no-pictures")
+    assert code == 2
+    assert err.startswith(f"error: {broken}: holds a search that was cut off; go on with it by")
+    code, _, err = glvis_cli("optimize", "--resume", broken, "--seed", "9", "--no-pictures")
+    assert code == 2
+    assert "the study has changed since: swarm.seed: nothing -> 9" in err
+    assert glvis_cli("optimize", "--resume", broken, "--no-pictures")[0] == 0
+    assert glvis_cli("optimize", study, "-o", whole, "--no-pictures")[0] == 0
+    assert files_below(broken) == SEARCHED
+    first, second = index_of(broken), index_of(whole)
+    for index in (first, second):
+        del index["run"]
+    assert first == second
+
+
+def test_ended_search_is_extended_in_its_folder(glvis_cli, study, tmp_path):
+    out = tmp_path / "out"
+    glvis_cli("optimize", study, "-o", out, "--no-pictures")
+    before = read_result(out)
+    code, text, _ = glvis_cli("optimize", out, "--extend", "3", "--no-pictures")
+    assert code == 0
+    after = read_result(out)
+    assert "\nFinished: all 5 iterations done" in text
+    assert [row[:9] for row in after.trace[:3]] == [row[:9] for row in before.trace]
+    assert len(after.trace) == 6
+    assert after.value >= before.value
+    assert files_below(out) == SEARCHED
+
+
+def test_refused_resume_leaves_the_result_as_it_was(glvis_cli, study, tmp_path):
+    out = tmp_path / "out"
+    glvis_cli("optimize", study, "-o", out, "--no-pictures")
+    before = {name: (out / name).read_bytes() for name in files_below(out)}
+    code, _, err = glvis_cli("optimize", "--resume", out, "--set", "swarm.particles=5")
+    assert code == 2
+    assert "the study has changed since: swarm.particles: 4 -> 5" in err
+    assert {name: (out / name).read_bytes() for name in files_below(out)} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fact"),
+    [
+        (["STUDY"], "needs STUDY and -o DIR, or --resume DIR"),
+        (["-o", "OUT"], "needs STUDY and -o DIR, or --resume DIR"),
+        (["STUDY", "-o", "OUT", "--extend", "3"], "--extend adds to a search that was run"),
+        (["--resume", "OUT", "-o", "OUT"], "-o: a search that goes on writes into its own folder"),
+        (["--resume", "OUT"], "OUT: holds no search that could go on (study.toml is missing)"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(glvis_cli, study, tmp_path, arguments, fact):
+    out = tmp_path / "out"
+    places = {"STUDY": str(study), "OUT": str(out)}
+    code, text, err = glvis_cli("optimize", *(places.get(word, word) for word in arguments))
+    assert (code, text) == (2, "")
+    assert fact.replace("OUT", str(out)) in err
+    assert not out.exists()
+
+
 def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path, study):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, "--no-pictures"]
+    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, *QUICK]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE) as p:
         p.stdout.close()
         p.stderr.close()
         assert p.wait(timeout=60) == 0
-    assert files_below(out) == DATA
+    assert files_below(out) == SEARCHED
 
 
 def progress(iteration: int) -> Progress:
