@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glvis.camera import rigid_inverse
-from glvis.context import gl_context
+from glvis.context import gl_context, unbind_framebuffer
 from glvis.errors import MachineError
 from glvis.framing import Eye
 from glvis.glsl import shader_source
@@ -140,6 +140,7 @@ class Canvas:
 
     def release(self) -> None:
         """Give the GPU's memory back."""
+        unbind_framebuffer()
         for part in (
             *(self._screen, self._shade, self._overlay, self._develop),
             *(self._lit, self._over, self._depth, self._picture),
