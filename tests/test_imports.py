@@ -52,7 +52,7 @@ ARROWS = {
     "reading": "context errors folder placement result study visibility",
     "framing": "camera",
     "shading": "camera context errors framing glsl",
-    "coloring": "palette scene sensor visibility",
+    "coloring": "palette places scene sensor visibility",
     "glyphs": "sensor",
     "places": "",
     "sheet": "coloring places",
@@ -71,7 +71,8 @@ ARROWS = {
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "estimate placement study tables terminal visibility",
-    "cli": "checks delivery doctor errors estimate folder placement reading study terminal wording",
+    "cli": "checks delivery doctor errors estimate folder placement reading study terminal"
+    " wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",
