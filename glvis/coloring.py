@@ -31,7 +31,7 @@ Colors = NDArray[np.uint8]
 
 KINDS = ("sensor", "overlap", "incidence", "distance", "unseen")
 STRIPED = 128  # opacity that marks striped faces, see shading.Solid.paint
-BACK_COLOR = rgb("#4F4B47")  # as shaded.frag.glsl has it
+BACK_COLOR = rgb("#504C49")  # as shaded.frag.glsl has it
 _MAX_ROWS = 36  # of a legend
 
 # Viridis (van der Walt and Smith 2015, CC0), light first: light is near and square.

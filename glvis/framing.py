@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 
 # Tangent of half the vertical opening angle of pictures in perspective: a 60 mm lens on film.
 _PERSPECTIVE = math.tan(math.radians(12.0))
-_FIT_STEPS = 12  # the margin left over shrinks about tenfold a step
 _QUADRANTS = (35.0, 125.0, 215.0, 305.0)  # azimuths of the perspective, degrees
 _ELEVATION = 24.0
 _SIMILAR = 0.85  # a view that shows this share of what the best one shows is as good
@@ -150,20 +149,17 @@ def fitted_eye(
         clip[2, 3] = -1.0  # depths 0 to 5 radii
         return Eye(pose, clip, axes @ middle)
     tan = np.array([_PERSPECTIVE * aspect, _PERSPECTIVE])
-    distance, at = 4 * radius / _PERSPECTIVE, middle[:2].copy()
-    for _ in range(_FIT_STEPS):
-        depth = np.maximum(distance - (seen[:, 2] - middle[2]), 1e-3 * radius)
-        on_image = (seen[:, :2] - at) / (depth[:, None] * tan)  # -1 .. 1
-        centre = (on_image.max(axis=0) + on_image.min(axis=0)) / 2
-        spread = float(np.max(on_image.max(axis=0) - on_image.min(axis=0))) / 2
-        at += centre * distance * tan
-        wanted = distance * spread / free
-        distance = max(wanted, seen[:, 2].max() - middle[2] + 0.05 * radius)
-    pose[:3, 3] = axes @ [at[0], at[1], middle[2] + distance]
+    # A point at (x, z) is inside where |x - at| <= slope (distance - z): two bounds an axis,
+    # and the nearest eye meets both.
+    slope = tan * free
+    upper = (seen[:, :2] + slope * seen[:, 2:]).max(axis=0)
+    lower = (-seen[:, :2] + slope * seen[:, 2:]).max(axis=0)
+    at = (upper - lower) / 2
+    place = max(float(np.max((upper + lower) / (2 * slope))), high[2] + 0.05 * radius)
+    pose[:3, 3] = axes @ [*at, place]
+    distance = place - middle[2]
     near = max(0.02 * distance, distance - 4 * radius)
-    return Eye(
-        pose, projection_matrix(tan, near, distance + 4 * radius), axes @ [at[0], at[1], middle[2]]
-    )
+    return Eye(pose, projection_matrix(tan, near, distance + 4 * radius), axes @ [*at, middle[2]])
 
 
 def standard_views(
