@@ -27,13 +27,13 @@ from glvis.crops import (
 from glvis.renderer import (
     Renderer,
     Selection,
-    Surface,
     Views,
     depth_along_axis,
     faces_in_images,
 )
 from glvis.scene import Model
 from glvis.sensor import Sensor
+from glvis.surface import Surface
 from glvis.visibility import VisibilityOptions, render_resolution, takes_second_look
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from glvis.clusters import Clusters
 from glvis.context import GlInfo, gl_info
 from glvis.mapper import Mapper
-from glvis.renderer import Renderer, Surface
+from glvis.renderer import Renderer
 from glvis.selftest import check_driver
+from glvis.surface import Surface
 
 if TYPE_CHECKING:
     from glvis.scene import Model

@@ -1,17 +1,14 @@
 """Draws surfaces into ID and depth buffers. Poses in; pixels a face, ID and depth images out.
 
-What is fast on a software rasteriser: few vertices in an order that keeps neighbours together
-(faces come sorted by cluster, and face i's last vertex is vertex i of the buffer, which also
-carries its ID), culled faces left out of the index buffer, and one small framebuffer that stays
-in the cache. On hardware many views share one tall framebuffer and one read-back; how many is
-``tiles``. Images are turned once, here: row 0 is the top row for everybody else.
+On a software rasteriser one small framebuffer, used over and over, stays in the cache. On
+hardware many views share one tall framebuffer and one read-back; how many is ``tiles``. Images
+are turned once, here: row 0 is the top row for everybody else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import moderngl
@@ -19,21 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.camera import projection_matrix, rigid_inverse
-from glvis.clusters import Clusters
 from glvis.context import gl_context, gl_info, unbind_framebuffer
 from glvis.errors import MachineError
-from glvis.glsl import shader_source
+from glvis.surface import Surface, compiled
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
-_VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
 # The viewport is this odd number of times as wide and high as the image, which lies in its
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
 _GUARD = 3
-_FORMATS = {"position": "3f", "face_id": "1u", "normal": "3f"}  # as moderngl writes them
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,71 +79,6 @@ class Views:
         planes[:, 4, 2] = 1.0  # z >= -maxD
         planes[:, 4, 3] = self.max_distance
         return planes @ rigid_inverse(self.camera_to_world)
-
-
-class Surface:
-    """One model on the GPU, in the layout of each kind of draw that was asked for.
-
-    Parameters
-    ----------
-    clusters : Clusters
-        The model, its faces sorted.
-    origin : (3,) float64
-        World point that float32 positions are relative to.
-    is_target : bool
-        Whether faces are counted; the ID of an obstacle's faces is 0.
-    """
-
-    def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
-        self.clusters, self._origin, self._is_target = clusters, origin, is_target
-        self._arrays: dict[Any, _VertexArray] = {}
-
-    def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
-        """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
-        if by_face:
-            mask = mask[self.clusters.order]
-        if program not in self._arrays:
-            if "face_id" in program:
-                layout = _provoking_layout(self.clusters, self._origin, self._is_target)
-            else:
-                layout = _position_layout(self.clusters, self._origin)
-            self._arrays[program] = _VertexArray(program, *layout)
-        self._arrays[program].draw(mask)
-
-    def release(self) -> None:
-        """Give the GPU's memory back."""
-        for array in self._arrays.values():
-            array.release()
-        self._arrays.clear()
-
-
-class _VertexArray:
-    """Vertices that stay on the GPU, and room for the indices of one draw."""
-
-    def __init__(
-        self, program: Any, vertices: NDArray[np.void], indices: NDArray[np.uint32]
-    ) -> None:
-        context = gl_context()
-        self._faces = indices
-        self._vertices = context.buffer(vertices)
-        self._indices = context.buffer(reserve=indices.nbytes, dynamic=True)
-        names = vertices.dtype.names or ()
-        content = " ".join(_FORMATS[name] for name in names)
-        self._array = context.vertex_array(
-            program, [(self._vertices, content, *names)], self._indices
-        )
-
-    def draw(self, mask: Bools) -> None:
-        """Draw the chosen ones of equal runs of faces, as many as the mask is long."""
-        chosen = self._faces.reshape(len(mask), -1).take(np.flatnonzero(mask), axis=0)
-        if chosen.size:
-            self._indices.write(chosen)
-            self._array.render(moderngl.TRIANGLES, vertices=chosen.size)
-
-    def release(self) -> None:
-        """Give the GPU's memory back."""
-        for part in (self._array, self._indices, self._vertices):
-            part.release()
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +189,7 @@ class Renderer:
         refused_hide : bool
             Whether back and too oblique faces hide what lies behind them.
         """
-        program = _program("id_buffer", *(["REFUSED_HIDE"] if refused_hide else []))
+        program = compiled("id_buffer", *(["REFUSED_HIDE"] if refused_hide else []))
         for first, n in self._batches(views, selections, origin, program):
             self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
             yield first, self._ids[:n, ::-1]
@@ -273,7 +202,7 @@ class Renderer:
         Values are OpenGL's, in [0, 1]; see ``depth_along_axis``. The arrays are valid until
         the next batch.
         """
-        for first, n in self._batches(views, selections, origin, _program("depth")):
+        for first, n in self._batches(views, selections, origin, compiled("depth")):
             self._depth_only.read_into(
                 self._depths, attachment=-1, components=1, dtype="f4", alignment=4
             )
@@ -375,65 +304,3 @@ def _uniforms(
         for name, rows in uniforms.items()
         if name in program
     }
-
-
-def _provoking_layout(
-    clusters: Clusters, origin: Floats, is_target: bool
-) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
-    """Return vertices and (F', 3) indices in which vertex i is the last one of face i.
-
-    OpenGL takes flat attributes from the last vertex of a triangle, so vertex i may carry what
-    belongs to face i and still serve its neighbours as a mere position: about one vertex a
-    face instead of three, and neighbours lie side by side.
-    """
-    model = clusters.model
-    faces = model.faces[clusters.order]
-    n = len(faces)
-    serves = np.full(len(model.vertices), -1, dtype=np.int64)
-    serves[faces[:, 2]] = np.arange(n)
-    used = np.zeros(len(model.vertices), dtype=bool)
-    used[faces[:, :2]] = True
-    extra = np.flatnonzero(used & (serves < 0))  # never the last vertex of a face
-    serves[extra] = n + np.arange(len(extra))
-    vertices = np.zeros(n + len(extra), dtype=_VERTEX)
-    vertices["position"][:n] = model.vertices[faces[:, 2]] - origin
-    vertices["position"][n:] = model.vertices[extra] - origin
-    if is_target:
-        vertices["face_id"][:n] = clusters.order + 1
-        vertices["normal"][:n] = model.normals[clusters.order]
-    indices = np.zeros((n, 3), dtype=np.uint32)
-    indices[:, :2] = serves[faces[:, :2]]
-    indices[:, 2] = np.arange(n)
-    return vertices, indices
-
-
-def _position_layout(
-    clusters: Clusters, origin: Floats
-) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
-    """Return vertices, each once and in the order the faces come to them, and (F', 3) indices."""
-    faces = clusters.model.faces[clusters.order]
-    corners = faces.ravel()
-    first = np.full(len(clusters.model.vertices), len(corners), dtype=np.int64)
-    np.minimum.at(first, corners, np.arange(len(corners)))
-    used = np.flatnonzero(first < len(corners))
-    used = used[np.argsort(first[used])]
-    number = np.zeros(len(first), dtype=np.uint32)
-    number[used] = np.arange(len(used))
-    vertices = np.zeros(len(used), dtype=[("position", "f4", 3)])
-    vertices["position"] = clusters.model.vertices[used] - origin
-    return vertices, number[faces]
-
-
-@cache
-def _program(name: str, *defines: str) -> Any:
-    """Return the compiled program of ``shaders/<name>.*.glsl``."""
-    try:
-        return gl_context().program(
-            vertex_shader=shader_source(f"{name}.vert.glsl", *defines),
-            fragment_shader=shader_source(f"{name}.frag.glsl", *defines),
-        )
-    except moderngl.Error as error:
-        info = gl_info()
-        raise MachineError(
-            f"shaders/{name}.*.glsl did not compile on {info.renderer} ({info.version}): {error}"
-        ) from error

@@ -15,8 +15,9 @@ from glvis.camera import camera_to_world
 from glvis.clusters import Clusters
 from glvis.context import gl_info
 from glvis.errors import MachineError
-from glvis.renderer import Renderer, Selection, Surface, Views, depth_along_axis
+from glvis.renderer import Renderer, Selection, Views, depth_along_axis
 from glvis.scene import Model
+from glvis.surface import Surface
 
 _SIZE = 8  # pixels a side: each covers one unit of the wall below
 

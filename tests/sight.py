@@ -9,9 +9,10 @@ import numpy as np
 from glvis.camera import Intrinsics, camera_to_world
 from glvis.clusters import Clusters
 from glvis.mapper import Mapper
-from glvis.renderer import Renderer, Surface
+from glvis.renderer import Renderer
 from glvis.scene import Model
 from glvis.sensor import Sensor
+from glvis.surface import Surface
 from glvis.visibility import VisibilityOptions
 
 # Looks down -z from the origin: shapes.plate with its normal +z looks back at it.

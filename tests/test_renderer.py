@@ -6,7 +6,7 @@ import shapes
 from sight import DOWN, mapper
 
 from glvis import renderer as r
-from glvis import selftest
+from glvis import selftest, surface
 from glvis.camera import camera_to_world
 from glvis.context import gl_context, gl_info
 from glvis.errors import MachineError
@@ -64,11 +64,11 @@ def test_the_nearer_of_two_plates_wins_in_either_order_of_faces(order):
 
 def test_an_id_beyond_two_to_the_24_and_31_is_exact():
     for face_id in (2**24 + 1, 2**31 + 2**24 + 3, 2**32 - 1):
-        program = r._program("id_buffer", "REFUSED_HIDE")
-        vertices = np.zeros(3, dtype=r._VERTEX)
+        shader = surface.compiled("id_buffer", "REFUSED_HIDE")
+        vertices = np.zeros(3, dtype=surface.VERTEX)
         vertices["position"] = [[-9, -9, -2], [9, -9, -2], [0, 9, -2]]
         vertices["face_id"][2], vertices["normal"][2] = face_id, (0, 0, 1)
-        array = r._VertexArray(program, vertices, np.array([[0, 1, 2]], dtype=np.uint32))
+        array = surface.VertexArray(shader, vertices, np.array([[0, 1, 2]], dtype=np.uint32))
 
         class _One:
             """A surface of the one triangle."""
@@ -143,9 +143,11 @@ def test_a_picture_larger_than_the_driver_can_draw_is_refused():
 
 
 def test_a_shader_that_does_not_compile_is_named(monkeypatch):
-    monkeypatch.setattr(r, "shader_source", lambda name, *defines: "#version 330 core\nvoid main(")
+    monkeypatch.setattr(
+        surface, "shader_source", lambda name, *defines: "#version 330 core\nvoid main("
+    )
     with pytest.raises(MachineError, match=r"shaders/broken\.\*\.glsl did not compile on"):
-        r._program.__wrapped__("broken")
+        surface.compiled.__wrapped__("broken")
 
 
 def test_the_driver_at_hand_passes_the_self_test():
