@@ -129,7 +129,7 @@ def _sheets(
                 yield f"{model}-{kind}-sides", sides_sheet(stage, painted, size, view)
             else:
                 yield f"{model}-{kind}", close_sheet(stage, painted, size, view)
-        if color is None and stage.study.sensors:
+        if color is None:
             yield f"{model}-contact", contact_sheet(stage, size)
             for s, name in enumerate(seen_map.sensor_names if m == 0 else ()):
                 yield f"sensor-{name}", sensor_sheet(stage, s, size)

@@ -53,13 +53,11 @@ class Stage:
             solid = Solid(obstacle.vertices, obstacle.faces, self.origin)
             solid.paint(np.tile(OBSTACLE_COLOR, (obstacle.n_faces, 1)))
             self._obstacles.append(solid)
-        self._bodies: list[Solid] = []
-        if study.sensors:
-            vertices, faces, colors = sensor_bodies(
-                self.poses, study.sensors, self.colors, self.body_size
-            )
-            self._bodies.append(Solid(vertices, faces, self.origin))
-            self._bodies[0].paint(colors)
+        vertices, faces, colors = sensor_bodies(
+            self.poses, study.sensors, self.colors, self.body_size
+        )
+        self._bodies = Solid(vertices, faces, self.origin)
+        self._bodies.paint(colors)
         self._model: Solid | None = None
         self._canvases: dict[tuple[int, int], Canvas] = {}
 
@@ -71,7 +69,7 @@ class Stage:
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for solid in (*self._obstacles, *self._bodies, *([self._model] if self._model else [])):
+        for solid in (*self._solids(), self._bodies):
             solid.release()
         for canvas in self._canvases.values():
             canvas.release()
@@ -190,7 +188,7 @@ class Stage:
             As for ``Canvas.image``.
         """
         lines, solids = None, self._solids()
-        if with_rig and self.study.sensors:
+        if with_rig:
             ends, colors, widths = sensor_lines(
                 self.poses,
                 self.study.sensors,
@@ -199,7 +197,7 @@ class Stage:
                 with_frusta=with_frusta,
             )
             lines = Lines(ends, colors, widths)
-            solids += self._bodies
+            solids.append(self._bodies)
         return self._canvas(size).image(
             eye,
             solids,

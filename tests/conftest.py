@@ -9,6 +9,14 @@ import pytest
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--update-golden",
+        action="store_true",
+        help="write the golden pictures anew, to be looked at before they are committed",
+    )
+
+
 @pytest.fixture(autouse=True)
 def _loud_floats():
     with np.errstate(divide="raise", over="raise", invalid="raise"):

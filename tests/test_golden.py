@@ -1,0 +1,94 @@
+"""Golden pictures: what only the eye can judge, frozen once it has been judged.
+
+A torus over a grey pad, seen by three cameras A, B and C. To be seen in each:
+
+- scene: three camera bodies in blue, orange and green, each with its name, an axis and a thin
+  frustum; the torus in their colours, what none sees red and striped; a legend with shares, axes
+  with letters, a scale bar.
+- sides: top, front and right with the cameras, and the torus alone from behind.
+- overlap: the same from no camera (striped) over one (yellow) to three (teal).
+- incidence: two views of the torus alone, bright where it is seen squarely, and a colour bar.
+- through: what camera A sees in blue, what it refuses in light grey, the pad in dark grey.
+- depth: the same from light (near) to dark (far), with a colour bar in mm.
+- contact: the views of all three cameras, each in a frame of its colour.
+
+Drivers differ in pixels, so pictures are compared on Mesa's llvmpipe only, and loosely: fonts and
+rounding may differ. Renew them by ``pytest tests/test_golden.py --update-golden``.
+"""
+
+from pathlib import Path
+
+import gallery
+import numpy as np
+import pytest
+from PIL import Image
+
+from glvis.coloring import coloring
+from glvis.context import gl_info
+from glvis.evaluator import Evaluator
+from glvis.scenesheets import close_sheet, perspective_sheet, sides_sheet
+from glvis.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
+from glvis.stage import Stage
+
+GOLDEN = Path(__file__).parent / "golden"
+SIZE = (480, 300)
+VISIBLE = 48  # difference of a channel, of 255, that the eye takes note of
+ALLOWED = 0.006  # share of the pixels that may differ so much: a shifted letter, no more
+
+
+def painted(sheet, kind):
+    def make(stage):
+        colors = coloring(kind, stage.seen)
+        stage.paint(colors.colors)
+        return sheet(stage, colors, SIZE)
+
+    return make
+
+
+PICTURES = {
+    "scene": painted(perspective_sheet, "sensor"),
+    "sides": painted(sides_sheet, "sensor"),
+    "overlap": painted(perspective_sheet, "overlap"),
+    "incidence": painted(close_sheet, "incidence"),
+    "through": lambda stage: sensor_sheet(stage, 0, SIZE),
+    "depth": lambda stage: depth_sheet(stage, 0, SIZE),
+    "contact": lambda stage: contact_sheet(stage, SIZE),
+}
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory):
+    study = gallery.ring_study(tmp_path_factory.mktemp("golden"))
+    with Evaluator(study) as evaluator:
+        (seen,) = evaluator.visibility(np.zeros(0))
+    with Stage(study, gallery.start_poses(study)) as stage:
+        stage.show(0, seen)
+        yield stage
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_picture_is_as_it_was_judged(name, stage, request, tmp_path):
+    picture = PICTURES[name](stage).pixels()
+    path = GOLDEN / f"{name}.png"
+    if request.config.getoption("--update-golden"):
+        GOLDEN.mkdir(exist_ok=True)
+        Image.fromarray(picture).save(path, optimize=True)
+        pytest.skip(f"{path} was written anew: look at it before it is committed")
+    if "llvmpipe" not in gl_info().renderer:
+        pytest.skip(
+            f"golden pictures are compared on llvmpipe only, this is {gl_info().renderer}; "
+            "LIBGL_ALWAYS_SOFTWARE=1 chooses it where Mesa is the driver"
+        )
+    golden = np.array(Image.open(path).convert("RGB"))
+    assert picture.shape == golden.shape
+    difference = np.abs(picture.astype(int) - golden).max(axis=2)
+    differs = np.mean(difference > VISIBLE)
+    if differs > ALLOWED:
+        magnified = np.clip(255 - 4 * difference, 0, 255).astype(np.uint8)
+        columns = [picture, golden, np.repeat(magnified[..., None], 3, axis=2)]
+        side_by_side = tmp_path / f"{name}-new-golden-difference.png"
+        Image.fromarray(np.hstack(columns)).save(side_by_side)
+        pytest.fail(
+            f"{100 * differs:.2f} % of the pixels differ from {path}; new, golden and "
+            f"difference: {side_by_side}; if it is right, --update-golden"
+        )
