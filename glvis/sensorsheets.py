@@ -124,11 +124,11 @@ def _sensor_page(
 
 def _depth_picture(depth: NDArray[np.float32], samples: int, low: float, high: float) -> Colors:
     """Return depths as colours (H, W, 3), averaged over the samples of each pixel."""
-    levels = 253
+    levels = 1021  # smooth also where the depth hardly changes
     ramp = ramp_colors(np.linspace(low, high, levels), low, high)
     table = np.vstack([ramp, [_NEARER, _FARTHER, _NOTHING]]).astype(np.uint16)
     scaled = (np.clip(depth, low, high) - low) * np.float32((levels - 1) / (high - low))
-    index = (scaled + np.float32(0.5)).astype(np.uint8)
+    index = (scaled + np.float32(0.5)).astype(np.uint16)
     index[depth < low] = levels
     index[depth > high] = levels + 1
     index[np.isinf(depth)] = levels + 2
