@@ -1,6 +1,7 @@
 """The arrows between modules: each imports only from rows above its own, as this table says."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ ARROWS = {
     "complaints": "",
     "swarm_options": "",
     "search_options": "",
-    "script": "box errors",
+    "script": "box errors swarm_options",
     "greedy": "script",
     "refine": "box script",
     "auto": "greedy refine script",
@@ -38,17 +39,17 @@ ARROWS = {
     "visibility": "camera scene sensor clusters crops renderer",
     "mapper": "camera scene sensor clusters crops context renderer surface visibility",
     "swarm": "box swarm_options",
-    "schema": "camera expressions layout objective sensor swarm_options visibility",
+    "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
     "overrides": "errors expressions schema",
     "study": "errors complaints expressions mounts objective overrides scene schema sensor"
-    " swarm_options visibility",
+    " search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene clusters context errors renderer surface",
     "maps": "scene sensor clusters context renderer selftest surface visibility mapper study",
     "evaluator": "scene sensor context visibility objective study maps",
     "worker": "maps",
     "workers": "context errors maps",
-    "search": "study swarm",
+    "search": "auto box greedy refine script study swarm",
     "checkpoint": "errors study",
     "run": "checkpoint errors evaluator search study",
     "placement": "checkpoint context evaluator maps run search study visibility workers",
@@ -111,6 +112,7 @@ MODULES = {
 }
 
 
+@cache
 def imported(path: Path) -> set[str]:
     """Return the dotted names that a module imports anywhere, ``glvis.`` in front of its own."""
     names = set()
