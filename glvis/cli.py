@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from glvis import __version__
+from glvis.cli_options import NoPictures, Output, Overwrite, Set, StudyFile
+from glvis.cli_results import commands as commands_about_results
 from glvis.errors import MachineError, StudyError
 
 if TYPE_CHECKING:
@@ -30,28 +31,6 @@ app = typer.Typer(
 )
 # All mistakes in the use of options; typer brings its own copy of click or asks for one.
 _UsageError: Any = typer.BadParameter.__bases__[0]
-
-_StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="The study, a TOML file.")]
-_ResultFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a result.")]
-_Output = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result; made new.")
-]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="A value in place of the study's, such as swarm.particles=100 or "
-        "mount.A1.roll_deg=0. May be given many times.",
-    ),
-]
-_Overwrite = Annotated[
-    bool,
-    typer.Option("--overwrite", help="Take the place of the result in DIR; other files stay."),
-]
-_NoPictures = Annotated[
-    bool, typer.Option("--no-pictures", help="Leave the pictures out; 'render' makes them later.")
-]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -99,7 +78,7 @@ def _glvis(
 
 
 @app.command(epilog="Example:  glvis check scenes/arm.toml")
-def check(study: _StudyFile, overrides: _Set = None) -> None:
+def check(study: StudyFile, overrides: Set = None) -> None:
     """Read a study, say what is in it, what it will cost and what will disappoint.
 
     Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
@@ -126,8 +105,8 @@ def check(study: _StudyFile, overrides: _Set = None) -> None:
     "result:  glvis evaluate scenes/arm.toml -o out/again --poses out/arm/result.json"
 )
 def evaluate(
-    study: _StudyFile,
-    output: _Output,
+    study: StudyFile,
+    output: Output,
     poses: Annotated[
         Path | None,
         typer.Option(
@@ -136,9 +115,9 @@ def evaluate(
             "in place of the study's start.",
         ),
     ] = None,
-    overrides: _Set = None,
-    overwrite: _Overwrite = False,
-    no_pictures: _NoPictures = False,
+    overrides: Set = None,
+    overwrite: Overwrite = False,
+    no_pictures: NoPictures = False,
 ) -> None:
     """Say what the start poses, or given ones, see; nothing is searched.
 
@@ -187,7 +166,7 @@ def optimize(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder for the result; made new."),
     ] = None,
-    overrides: _Set = None,
+    overrides: Set = None,
     seed: Annotated[
         int | None, typer.Option(help="Of the random numbers: the same seed, the same result.")
     ] = None,
@@ -199,7 +178,7 @@ def optimize(
             "As many as there are cores, unless given.",
         ),
     ] = None,
-    overwrite: _Overwrite = False,
+    overwrite: Overwrite = False,
     resume: Annotated[
         Path | None,
         typer.Option(
@@ -209,7 +188,7 @@ def optimize(
     extend: Annotated[
         int, typer.Option(min=0, help="Iterations to add to a search, with --resume.")
     ] = 0,
-    no_pictures: _NoPictures = False,
+    no_pictures: NoPictures = False,
 ) -> None:
     """Search the poses that see most.
 
@@ -265,49 +244,6 @@ def optimize(
         raise typer.Exit(1)
 
 
-@app.command(
-    epilog="Examples:  glvis render out/arm  or one of them from another side:  glvis render "
-    "out/arm --color unseen --view 30,20 --size 1920x1080"
-)
-def render(
-    result: _ResultFolder,
-    view: Annotated[
-        str | None,
-        typer.Option(
-            metavar="AZIMUTH,ELEVATION",
-            help="Where pictures in perspective are taken from, degrees: 0,0 is the front, "
-            "90,0 the right, 0,90 the top.",
-        ),
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels of a picture.")
-    ] = None,
-    color: Annotated[
-        str | None,
-        typer.Option(
-            metavar="KIND",
-            help="Only the pictures coloured by sensor, overlap, incidence, distance or unseen; "
-            "the others stay.",
-        ),
-    ] = None,
-) -> None:
-    """Make the pictures and the page of a result again.
-
-    Poses and maps are those of the result; its meshes are read again.
-    """
-    from glvis.delivery import Look, render_again
-    from glvis.terminal import say
-
-    look = Look(color=color)
-    if size:
-        width, height = _two_numbers("--size", size, "x", "1920x1080")
-        look = replace(look, size=(round(width), round(height)))
-    if view:
-        look = replace(look, view=_two_numbers("--view", view, ",", "30,20"))
-    names = render_again(result, look)
-    say(f"{len(names)} pictures in {result}: {', '.join(names)}")
-
-
 def _warnings(study: Study) -> list[str]:
     from glvis.checks import study_warnings
     from glvis.wording import resolution_warnings
@@ -322,16 +258,7 @@ def _say_that_pictures_come(wanted: bool) -> None:
         say("Making the pictures ...", error=True)
 
 
-def _two_numbers(option: str, text: str, between: str, example: str) -> tuple[float, float]:
-    """Return the two numbers of an option."""
-    parts = text.split(between)
-    try:
-        first, second = map(float, parts)
-    except ValueError:
-        raise StudyError(
-            f"{option} {text}: must be two numbers with '{between}' between, as {example}"
-        ) from None
-    return first, second
+app.add_typer(commands_about_results)
 
 
 @app.command()

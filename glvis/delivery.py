@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from glvis.errors import MachineError, StudyError
-from glvis.exports import write_exports, write_poses
+from glvis.export_poses import write_exports, write_poses
+from glvis.export_surfaces import write_surfaces
 from glvis.folder import INDEX, ResultFolder, renewed_files
 from glvis.mounting import mounting_lines
 from glvis.page import write_page
@@ -17,7 +18,6 @@ from glvis.placement import Placement
 from glvis.reading import read_result
 from glvis.report import page_data
 from glvis.result import write_data, write_summary
-from glvis.surfaces import write_surfaces
 
 VIEWS, PAGE = "views", "report.html"
 MOUNTING, POSES, EXPORTS = "mounting.txt", "poses.csv", "exports"

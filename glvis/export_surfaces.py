@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.coloring import Seen, coloring
-from glvis.exports import surface_names
+from glvis.export_poses import surface_names
 from glvis.palette import OBSTACLE_COLOR, sensor_colors
 from glvis.placement import Placement
 from glvis.rotations import quaternion, rotation_between

@@ -1,0 +1,30 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="The study, a TOML file.")]
+ResultFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a result.")]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result; made new.")
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="A value in place of the study's, such as swarm.particles=100 or "
+        "mount.A1.roll_deg=0. May be given many times.",
+    ),
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Take the place of the result in DIR; other files stay."),
+]
+NoPictures = Annotated[
+    bool, typer.Option("--no-pictures", help="Leave the pictures out; 'render' makes them later.")
+]
