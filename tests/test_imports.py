@@ -70,11 +70,11 @@ ARROWS = {
     "pictures": "coloring plots scenesheets sensorsheets sheet stage study visibility",
     "page": "glsl palette",
     "mounting": "camera placement",
-    "exports": "camera mounting palette placement result rotations schema study",
-    "surfaces": "coloring exports palette placement rotations scene schema sensor",
+    "export_poses": "camera mounting palette placement result rotations schema study",
+    "export_surfaces": "coloring export_poses palette placement rotations scene schema sensor",
     "report": "mounting page placement result tables",
-    "delivery": "errors exports folder mounting page pictures placement reading report result"
-    " surfaces",
+    "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
+    " reading report result",
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "estimate placement study tables terminal visibility",
