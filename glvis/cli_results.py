@@ -163,3 +163,32 @@ def _say_all(lines: Iterable[str]) -> None:
 
     for line in lines:
         say(line)
+
+
+@commands.command(epilog="Example:  glvis compare out/start out/arm -o out/compared")
+def compare(
+    results: Annotated[list[Path], typer.Argument(metavar="DIR DIR ...", help="Two or more.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for pictures; new or empty."),
+    ] = None,
+) -> None:
+    """Set layouts side by side: numbers, how far sensors moved, what only one of them sees.
+
+    With -o: for each model the layouts in the same view, and a map of the difference.
+    """
+    from glvis.compare import comparison_lines, named, write_comparison
+    from glvis.folder import result_folder
+    from glvis.reading import read_result
+
+    if len(results) < 2:
+        raise StudyError("compare needs two or more results")
+    layouts = named(results, [read_result(result) for result in results])
+    if output is None:
+        _say_all(comparison_lines(layouts))
+        return
+    with result_folder(output) as folder:
+        paths = write_comparison(layouts, folder.staging)
+        names = [path.name for path in paths]
+    _say_all(comparison_lines(layouts))
+    _say_all([f"{len(names)} pictures in {output}: {', '.join(names)}"])

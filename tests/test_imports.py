@@ -82,8 +82,9 @@ ARROWS = {
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting placement schema visibility",
     "tolerance_words": "mounting placement terminal tolerance",
+    "compare": "coloring palette placement scene scenesheets sheet stage tables terminal",
     "cli_options": "",
-    "cli_results": "cli_options delivery errors explain_words folder placement reading terminal"
+    "cli_results": "cli_options compare delivery errors explain_words folder placement reading terminal"
     " tolerance tolerance_words",
     "cli": "checks cli_options cli_results delivery doctor errors estimate folder placement reading"
     " study terminal wording workers",
