@@ -77,6 +77,37 @@ def _glvis(
     """
 
 
+@app.command(
+    epilog="Examples:  glvis init first  or for your own mesh:  glvis init first --model part.stl "
+    "--unit in --sensors 4"
+)
+def init(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")],
+    model: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="MESH", help="What is to be seen: STL, OBJ, PLY ... Many times."),
+    ] = None,
+    unit: Annotated[str, typer.Option(help="Of the mesh's lengths: mm, cm, m, in, ft.")] = "mm",
+    sensors: Annotated[int | None, typer.Option(min=1, max=64, help="How many.")] = None,
+    up: Annotated[str, typer.Option(help="Axis that points up in the mesh: x, y or z.")] = "z",
+    example: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Without a mesh of yours: arm, kitchen or room."),
+    ] = None,
+) -> None:
+    """Write a first study: commented, and it runs as it is.
+
+    Bounds, ranges and start follow from the size of the mesh.
+    """
+    from glvis.starter import next_commands, write_starter
+    from glvis.terminal import say
+
+    path = write_starter(directory, model or (), example=example, unit=unit, sensors=sensors, up=up)
+    say(f"Wrote {path}. Next:")
+    for command in next_commands(path):
+        say(f"  {command}")
+
+
 @app.command(epilog="Example:  glvis check scenes/arm.toml")
 def check(study: StudyFile, overrides: Set = None) -> None:
     """Read a study, say what is in it, what it will cost and what will disappoint.

@@ -101,7 +101,7 @@ def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
     gl = cost.gl
     yield f"OpenGL: {gl.renderer}, {gl.version} ({gl.vendor}, by {gl.backend})"
     yield (
-        f"One evaluation ({cost.maps} maps): {1000 * cost.evaluation_seconds:.3g} ms in one "
+        f"One evaluation ({cost.maps} maps): {1000 * cost.evaluation_seconds:,.1f} ms in one "
         f"process, the median of {cost.samples} random positions"
     )
     if cost.evaluations > 1:

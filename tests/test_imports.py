@@ -83,11 +83,13 @@ ARROWS = {
     "tolerance": "errors evaluator mounting placement schema visibility",
     "tolerance_words": "mounting placement terminal tolerance",
     "compare": "coloring palette placement scene scenesheets sheet stage tables terminal",
+    "starter_meshes": "",
+    "starter": "camera errors scene schema sensor starter_meshes",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading terminal"
     " tolerance tolerance_words",
     "cli": "checks cli_options cli_results delivery doctor errors estimate folder placement reading"
-    " study terminal wording workers",
+    " starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",
