@@ -50,6 +50,8 @@ class Evaluator:
         Who draws.
     maps_rendered : int
         Maps made so far, those found in the cache not counted.
+    most_poses : int
+        Poses whose maps are kept.
 
     Raises
     ------
@@ -78,8 +80,8 @@ class Evaluator:
         widths = [(model.n_faces + 7) // 8 for model in study.models]
         self._begin = np.cumsum([0, *widths])
         self._pose_bytes = int(self._begin[-1])
-        kept = min(_MOST_POSES, cache_bytes // (self._pose_bytes + _ENTRY_BYTES))
-        self._cache = _PoseCache(kept)
+        self.most_poses = min(_MOST_POSES, cache_bytes // (self._pose_bytes + _ENTRY_BYTES))
+        self._cache = _PoseCache(self.most_poses)
 
     def __enter__(self) -> Evaluator:
         return self

@@ -22,7 +22,7 @@ from glvis.schema import StudyTable, catalogue, sensor_table
 Changes = dict[tuple[str | int, ...], Any]
 
 # Tables that a file may leave out and an override may open.
-_TABLES = ("scene", "visibility", "objective", "swarm")
+_TABLES = ("scene", "visibility", "objective", "swarm", "search")
 
 
 def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Changes]:

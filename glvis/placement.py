@@ -195,11 +195,13 @@ def place_sensors(
             run.search.extend(extend)
         try:
             run.save()
+            run.keep_to_budget()
             while run.search.stop_reason is None:
                 if not run.iterate(interrupted):
                     run.search.stop(f"interrupted: {interrupted[0]}")
                     break
                 run.save()
+                run.keep_to_budget()
                 if on_iteration:
                     on_iteration(run.progress())
         except KeyboardInterrupt:  # whoever else raised it means the same

@@ -90,11 +90,11 @@ class Run:
         self._seconds_before = 0.0
         self._warnings: list[str] = []
         if saved is None:
-            self.search = new_search(study)
+            self.search = new_search(study, evaluator.most_poses)
             self._start = self.search.best_x.copy()
             self.start_value = float(evaluator(self._start)[0])
             return
-        self.search = search_from_state(study, saved.search)
+        self.search = search_from_state(study, evaluator.most_poses, saved.search)
         evaluator.recall(saved.known_poses)
         run = saved.run
         evaluator.maps_rendered = run["maps_rendered"]
@@ -125,6 +125,19 @@ class Run:
     def seconds(self) -> float:
         """Return the seconds of this run, parts before a resume included."""
         return self._seconds_before + time.monotonic() - self._began
+
+    def keep_to_budget(self) -> None:
+        """Stop the search where what it may spend is spent."""
+        study, evaluator = self._evaluator.study, self._evaluator
+        most_maps, most_seconds = study.search.max_maps, study.search.max_seconds
+        if most_seconds is not None and self.seconds() >= most_seconds:
+            self.search.stop(f"out of time: {self.seconds():.0f} s of {most_seconds:g} s are used")
+        if most_maps is not None and study.search.method == "swarm":
+            an_iteration = study.swarm.particles * len(study.sensors) * len(study.models)
+            if evaluator.maps_rendered + an_iteration > most_maps:
+                self.search.stop(
+                    f"finished: {evaluator.maps_rendered} of {most_maps} maps are rendered"
+                )
 
     def iterate(self, interrupted: Sequence[str] = ()) -> bool:
         """Do one iteration; return False, and have done nothing, where somebody interrupts."""

@@ -24,6 +24,7 @@ from glvis.camera import Intrinsics
 from glvis.expressions import nearest, parse_linear
 from glvis.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
 from glvis.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
+from glvis.search_options import SearchOptions
 from glvis.sensor import CATALOGUE, Sensor
 from glvis.swarm_options import SwarmOptions
 from glvis.visibility import VisibilityOptions
@@ -326,9 +327,10 @@ def _table_of(options: Any) -> type[Table]:
 
 
 if TYPE_CHECKING:
-    SwarmTable = Table
+    SwarmTable = SearchTable = Table
 else:
     SwarmTable = _table_of(SwarmOptions)
+    SearchTable = _table_of(SearchOptions)
 
 
 class StudyTable(Table):
@@ -344,10 +346,17 @@ class StudyTable(Table):
     mount: Annotated[list[MountTable], _within("hold at least one mount", bool)]
     objective: ObjectiveTable = ObjectiveTable()
     swarm: SwarmTable = SwarmTable()
+    search: SearchTable | None = None
 
     def swarm_options(self) -> SwarmOptions:
         """Return the options of the swarm; what the table leaves open has its default."""
         return SwarmOptions(**_given(self.swarm))
+
+    def search_options(self) -> SearchOptions:
+        """Return what searches: the paper's swarm in its studies, which have no such table."""
+        if self.search is None:
+            return SearchOptions()
+        return SearchOptions(**({"method": "auto"} | _given(self.search)))
 
 
 def catalogue(unit: str) -> dict[str, Sensor]:

@@ -5,12 +5,17 @@ A method knows positions, values and how many maps they cost; never sensors, mes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.auto import auto
+from glvis.box import Box
+from glvis.greedy import greedy_alone
+from glvis.refine import refine_alone
+from glvis.script import Problem, Script, ScriptSearch
 from glvis.study import Study
 from glvis.swarm import Swarm
 
@@ -22,7 +27,7 @@ class TraceRow(NamedTuple):
     """One iteration of a search.
 
     ``best`` is the largest value so far, ``mean`` and ``std`` are those of this iteration's
-    positions. ``inertia`` and ``neighbours`` are the swarm's (NaN and 0 for other methods).
+    positions. ``inertia`` and ``neighbours`` are the swarm's (0 for other methods).
     ``evaluations``, ``maps_rendered`` and ``seconds`` count from the start of the run.
     """
 
@@ -120,12 +125,58 @@ class SwarmSearch(Swarm):
         return self.trace[-1].neighbours
 
 
-def new_search(study: Study) -> Search:
-    """Return the search that a study asks for, at its beginning."""
-    rig = study.rig
-    return SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
+METHODS: dict[str, Callable[[Problem], Script]] = {
+    "auto": auto,
+    "greedy": greedy_alone,
+    "refine": refine_alone,
+}
+_MAPS = 4000  # a sensor and model, where the study does not say
 
 
-def search_from_state(study: Study, state: Mapping[str, NDArray[Any]]) -> Search:
-    """Return a search that goes on from ``state``."""
-    return SwarmSearch.from_state(state)
+def new_search(study: Study, most_poses: int) -> Search:
+    """Return the search that a study asks for, at its beginning.
+
+    Parameters
+    ----------
+    study : Study
+        With at least one variable.
+    most_poses : int
+        Poses whose maps the evaluator keeps.
+    """
+    rig, method = study.rig, study.search.method
+    if method == "swarm":
+        return SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
+    box = Box(rig.bounds, rig.periodic)
+
+    def views(x: Floats) -> list[object]:
+        poses = rig.poses(x)
+        return [(kind, pose.tobytes()) for kind, pose in zip(rig.sensor_kinds, poses, strict=True)]
+
+    problem = Problem(
+        box=box,
+        start=box.inside(rig.start),
+        moved_by=rig.moved_by,
+        models=len(study.models),
+        max_maps=study.search.max_maps or _MAPS * len(study.sensors) * len(study.models),
+        most_poses=most_poses,
+        views=views,
+        rng=np.random.default_rng(study.swarm.seed),
+        swarm=study.swarm,
+    )
+    return ScriptSearch(METHODS[method], problem)
+
+
+def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray[Any]]) -> Search:
+    """Return a search that goes on from ``state``.
+
+    Raises
+    ------
+    StudyError
+        If it cannot: another version of glvis or NumPy would have searched in another way.
+    """
+    if study.search.method == "swarm":
+        return SwarmSearch.from_state(state)
+    search = new_search(study, most_poses)
+    assert isinstance(search, ScriptSearch)
+    search.go_on(state)
+    return search

@@ -25,6 +25,7 @@ from glvis.objective import Objective
 from glvis.overrides import overridden, written
 from glvis.scene import Model, load_model
 from glvis.schema import StudyTable, catalogue
+from glvis.search_options import SearchOptions
 from glvis.sensor import Sensor
 from glvis.swarm_options import SwarmOptions
 from glvis.visibility import VisibilityOptions
@@ -59,7 +60,9 @@ class Study:
     objective : Objective
         What the search maximises.
     swarm : SwarmOptions
-        How it searches.
+        How the swarm searches.
+    search : SearchOptions
+        Which method searches, and what it may spend.
     """
 
     path: Path
@@ -74,6 +77,7 @@ class Study:
     visibility: VisibilityOptions
     objective: Objective
     swarm: SwarmOptions
+    search: SearchOptions = field(default_factory=SearchOptions)
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -117,7 +121,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
             visibility = table.visibility.to_options()
         with _located("[objective] "):
             objective = table.objective.to_objective()
-        swarm = _swarm(table)
+        swarm, search = _swarm(table), _search(table)
         folder = path.resolve().parent
         with _located("[scene] "):
             model_paths = list(_files(table.scene.models, folder, "models"))
@@ -141,6 +145,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         visibility=visibility,
         objective=objective,
         swarm=swarm,
+        search=search,
     )
 
 
@@ -196,6 +201,14 @@ def _swarm(table: StudyTable) -> SwarmOptions:
         return table.swarm_options()
     except ValueError as error:
         raise StudyError(f"[swarm] {str(error).removeprefix('swarm.')}") from error
+
+
+def _search(table: StudyTable) -> SearchOptions:
+    """Return which method searches, the complaints in the words of the file."""
+    try:
+        return table.search_options()
+    except ValueError as error:
+        raise StudyError(f"[search] {str(error).removeprefix('search.')}") from error
 
 
 def _files(patterns: Iterable[str], folder: Path, key: str) -> Iterator[Path]:

@@ -1,0 +1,311 @@
+"""Search methods on functions whose best place is known; budgets, resumption, whole studies."""
+
+import math
+
+import numpy as np
+import pytest
+from small_study import SMALL, write_small_study
+
+from glvis.box import Box
+from glvis.errors import StudyError
+from glvis.evaluator import Evaluator
+from glvis.greedy import greedy, greedy_alone, mounts_of
+from glvis.placement import place_sensors
+from glvis.refine import Steps, refine_alone
+from glvis.script import Block, Problem, ScriptSearch
+from glvis.search import METHODS
+from glvis.search_options import SearchOptions
+from glvis.study import load_study
+
+
+def problem(moved_by, *, max_maps=1500, seed=1, start=0.1, models=1, most_poses=10_000):
+    """Return a problem in the unit cube; ``moved_by`` lists the columns of each sensor."""
+    moved_by = tuple(frozenset(columns) for columns in moved_by)
+    d = 1 + max(column for columns in moved_by for column in columns)
+    return Problem(
+        box=Box(np.tile([0.0, 1.0], (d, 1))),
+        start=np.full(d, start),
+        moved_by=moved_by,
+        models=models,
+        max_maps=max_maps,
+        most_poses=most_poses,
+        views=lambda x: [x[sorted(columns)].tobytes() for columns in moved_by],
+        rng=np.random.default_rng(seed),
+    )
+
+
+class Course:
+    """Evaluates a function of positions and counts maps as an evaluator would."""
+
+    def __init__(self, search, function, moved_by, models=1):
+        self.search, self.function, self.moved_by = search, function, moved_by
+        self.models, self.seen, self.asks = models, set(), []
+
+    def run(self, most=math.inf):
+        while self.search.stop_reason is None and len(self.asks) < most:
+            x = self.search.ask()
+            sensors = self.search.sensors
+            looking = range(len(self.moved_by)) if sensors is None else sensors
+            self.seen |= {row[sorted(self.moved_by[s])].tobytes() for row in x for s in looking}
+            self.asks.append((x, sensors, self.search.method))
+            values = np.array([self.function(row, looking) for row in x])
+            self.search.tell(values, self.models * len(self.seen))
+        return self.search
+
+
+PAIR = ((0, 1), (2, 3))  # two mounts of two variables each
+SHARED = ((0, 1), (0, 1), (0, 2), (0, 2))  # two mirrored mounts at one height
+
+
+def bowl(x, looking, at=0.7):
+    """Return minus the squared distance from a place; the same for every subset."""
+    return -float(np.sum((x - at) ** 2))
+
+
+def test_blocks_are_what_moves_together_and_all_that_moves_no_others():
+    assert problem(PAIR).blocks == [Block((0, 1), (0,)), Block((2, 3), (1,))]
+    assert problem(SHARED).blocks == [
+        Block((1,), (0, 1)),
+        Block((2,), (2, 3)),
+        Block((0, 1, 2), (0, 1, 2, 3)),
+    ]
+
+
+def test_mounts_are_sensors_of_the_same_variables_and_know_whether_they_are_alone():
+    one, other = mounts_of(problem(PAIR))
+    assert one.is_alone and one.sensors == (0,) and one.kind == other.kind
+    one, other = mounts_of(problem(SHARED))
+    assert not one.is_alone and one.sensors == (0, 1) and one.columns.tolist() == [0, 1]
+    assert one.kind != other.kind
+
+
+@pytest.mark.parametrize("moved_by", [PAIR, SHARED])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_refinement_comes_as_close_to_the_top_of_a_bowl_as_one_likes(moved_by, seed):
+    search = ScriptSearch(refine_alone, problem(moved_by, seed=seed))
+    Course(search, bowl, moved_by).run()
+    assert search.best_value > -1e-5
+    assert np.abs(search.best_x - 0.7).max() < 3e-3
+
+
+def test_refinement_learns_the_direction_of_a_valley():
+    def valley(x, looking):
+        return -float((x[0] - x[1]) ** 2 * 1e4 + (x[0] + x[1] - 1.4) ** 2)
+
+    search = ScriptSearch(refine_alone, problem([(0, 1)], start=0.2))
+    Course(search, valley, [(0, 1)]).run()
+    assert search.best_value > -1e-5
+
+
+def test_refinement_moves_one_block_at_a_time_and_renders_only_its_sensors():
+    search = ScriptSearch(refine_alone, problem(PAIR, max_maps=300))
+    course = Course(search, bowl, PAIR)
+    course.run()
+    best = course.asks[0][0][0]
+    value = bowl(best, ())
+    for x, _, method in course.asks[1:]:
+        moved = {int(c) for c in np.flatnonzero((x != best).any(axis=0))}
+        assert method == "refine" and (moved <= {0, 1} or moved <= {2, 3})
+        values = [bowl(row, ()) for row in x]
+        if max(values) >= value:
+            best, value = x[int(np.argmax(values))], max(values)
+    evaluations = sum(len(x) for x, _, _ in course.asks)
+    assert len(course.seen) <= evaluations + 1  # one new pose each, both at the start
+
+
+def test_steps_grow_with_success_shrink_without_and_begin_anew_when_tiny():
+    steps = Steps(Block((0,), (0,)))
+    first = steps.size
+    steps.learn(1.0, np.array([0.1]))
+    assert steps.size > first
+    sizes = []
+    for _ in range(100):
+        steps.learn(0.0, None)
+        sizes.append(steps.size)
+    assert min(sizes) < 0.02 * first
+    assert first in sizes[int(np.argmin(sizes)) :]
+
+
+def test_greedy_finds_for_each_mount_the_best_of_the_same_poses_at_no_further_cost():
+    # two sensors at 0.2 and 0.8 see most; a second at the same place sees nothing new
+    def cover(x, looking):
+        places = [x[2 * s : 2 * s + 2] for s in looking]
+        targets = [np.array([0.2, 0.2]), np.array([0.8, 0.8])]
+        return -sum(min(float(np.sum((p - t) ** 2)) for p in places) for t in targets)
+
+    task = problem(PAIR, max_maps=600)
+    course = Course(ScriptSearch(greedy_alone, task), cover, PAIR)
+    search = course.run()
+    assert search.best_value > -0.01
+    assert search.stop_reason == "finished: greedy choice and exchanges found no more"
+    # the draws of one mount are good for both
+    assert 500 < len(course.seen) <= 600
+    assert course.asks[0][0].shape == (1, 4)
+    alone = [sensors for _, sensors, _ in course.asks if sensors is not None]
+    assert alone[0] == (0,) and (0, 1) in alone
+
+
+def test_greedy_with_shared_variables_leaves_what_is_decided_alone():
+    course = Course(ScriptSearch(greedy_alone, problem(SHARED, max_maps=400)), bowl, SHARED)
+    course.run()
+    first = [x for x, sensors, _ in course.asks if sensors == (0, 1)]
+    second = [x for x, sensors, _ in course.asks if sensors == (0, 1, 2, 3)]
+    height = {row[0] for part in second for row in part}
+    assert len(height) == 1 and height <= {row[0] for part in first for row in part}
+
+
+def test_greedy_takes_no_more_poses_than_are_kept():
+    course = Course(
+        ScriptSearch(greedy_alone, problem(PAIR, max_maps=10_000, most_poses=100)), bowl, PAIR
+    )
+    course.run()
+    assert len(course.seen) <= 50 + 1
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("moved_by", [PAIR, SHARED])
+@pytest.mark.parametrize("max_maps", [10, 333, 2000])
+def test_no_method_renders_more_maps_than_it_may(name, moved_by, max_maps):
+    search = ScriptSearch(METHODS[name], problem(moved_by, max_maps=max_maps, models=2))
+    course = Course(search, bowl, moved_by, models=2)
+    course.run()
+    assert 2 * len(course.seen) <= max_maps
+    assert search.stop_reason.startswith("finished: ")
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+def test_script_that_goes_on_asks_for_what_an_unbroken_one_asks_for(name):
+    whole = Course(ScriptSearch(METHODS[name], problem(PAIR)), bowl, PAIR)
+    whole.run()
+    broken = Course(ScriptSearch(METHODS[name], problem(PAIR)), bowl, PAIR)
+    broken.run(most=7)
+    state = broken.search.state()
+    again = ScriptSearch(METHODS[name], problem(PAIR))
+    again.go_on(state)
+    assert again.best_value == broken.search.best_value
+    rest = Course(again, bowl, PAIR)
+    rest.seen = broken.seen
+    rest.run()
+    assert again.stop_reason == whole.search.stop_reason
+    assert again.iteration == whole.search.iteration
+    for (x, *_), (other, *_) in zip(whole.asks[7:], rest.asks, strict=True):
+        assert np.array_equal(x, other)
+    assert np.array_equal(again.best_x, whole.search.best_x)
+
+
+def test_script_that_would_go_another_way_is_refused():
+    broken = Course(ScriptSearch(refine_alone, problem(PAIR)), bowl, PAIR)
+    broken.run(most=3)
+    other = ScriptSearch(refine_alone, problem(PAIR, seed=2))
+    with pytest.raises(StudyError, match="the search cannot go on: this version of glvis or NumPy"):
+        other.go_on(broken.search.state())
+
+
+def test_extension_goes_beyond_the_budget_by_so_many_iterations():
+    course = Course(ScriptSearch(refine_alone, problem(PAIR, max_maps=100)), bowl, PAIR)
+    search = course.run()
+    done = search.iteration
+    search.extend(5)
+    course.run()
+    assert search.iteration == done + 5
+    assert search.stop_reason.endswith("of 100 maps are rendered")
+    with pytest.raises(ValueError, match="iterations = 0 to add must be at least 1"):
+        search.extend(0)
+
+
+def test_ended_search_has_nothing_to_ask_and_wrong_values_are_refused():
+    search = ScriptSearch(refine_alone, problem(PAIR))
+    with pytest.raises(ValueError, match=r"values of shape \(2,\) are not those of what was asked"):
+        search.tell([0.0, 0.0], 2)
+    search.stop("interrupted: Ctrl-C")
+    search.stop("too late")
+    with pytest.raises(ValueError, match="the search has ended: interrupted: Ctrl-C"):
+        search.ask()
+
+
+def test_value_that_is_no_number_never_becomes_the_best():
+    search = ScriptSearch(refine_alone, problem(PAIR, max_maps=200))
+
+    def holed(x, looking):
+        return math.nan if x[0] > 0.5 else bowl(x, looking)
+
+    Course(search, holed, PAIR).run()
+    assert math.isfinite(search.best_value) and search.best_x[0] <= 0.5
+
+
+@pytest.fixture
+def small(tmp_path, rng):
+    return write_small_study(tmp_path, rng)
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method, tmp_path):
+    study = load_study(small, [f"search.method={method}", "search.max_maps=300"])
+    placement = place_sensors(study)
+    assert placement.value > placement.start_value
+    assert placement.maps_rendered <= 300
+    assert {row.method for row in placement.trace} <= {*METHODS}
+    assert placement.trace[-1].best == placement.value
+    with Evaluator(study) as evaluator:
+        assert evaluator(placement.position)[0] == placement.value
+
+    def stop(progress):
+        if progress.iteration == 6:
+            raise InterruptedError
+
+    path = tmp_path / "checkpoint.npz"
+    with pytest.raises(InterruptedError):
+        place_sensors(study, checkpoint=path, on_iteration=stop)
+    resumed = place_sensors(study, checkpoint=path, resume=True, workers=2)
+    assert [row[:-1] for row in resumed.trace] == [row[:-1] for row in placement.trace]
+    assert np.array_equal(resumed.position, placement.position)
+    assert resumed.maps_rendered == placement.maps_rendered
+
+
+def test_swarm_obeys_the_maps_and_the_seconds_too(small):
+    placement = place_sensors(load_study(small, ["search.method=swarm", "search.max_maps=60"]))
+    assert placement.maps_rendered <= 60 and len(placement.trace) == 2
+    assert placement.stop_reason == f"finished: {placement.maps_rendered} of 60 maps are rendered"
+    placement = place_sensors(load_study(small, ["search.method=swarm", "search.max_seconds=1e-9"]))
+    assert placement.trace == () and placement.stop_reason.startswith("out of time: ")
+
+
+def test_method_is_the_swarm_without_a_table_and_auto_in_one(small):
+    assert load_study(small).search == SearchOptions("swarm")
+    assert load_study(small, ["search.max_maps=9"]).search == SearchOptions("auto", 9)
+    small.write_text(SMALL + '\n[search]\nmethod = "refine"\nmax_seconds = 2.5\n')
+    assert load_study(small).search == SearchOptions("refine", None, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "simplex"}, "search.method = 'simplex' must be one of 'swarm', 'auto', "),
+        ({"max_maps": 0}, "search.max_maps = 0 must be at least 1"),
+        ({"max_seconds": math.inf}, "search.max_seconds = inf must be larger than 0"),
+    ],
+)
+def test_options_out_of_range_are_refused(options, message):
+    with pytest.raises(ValueError) as error:
+        SearchOptions(**options)
+    assert str(error.value).startswith(message)
+
+
+def test_greedy_gives_its_layouts_best_first():
+    script = greedy(problem(PAIR), 200, 3)
+    ask = next(script)
+    try:
+        while True:
+            ask = script.send(np.array([bowl(row, ()) for row in ask.positions]))
+    except StopIteration as end:
+        layouts, values = end.value
+    assert layouts.shape == (len(values), 4) and 1 <= len(values) <= 3
+    assert values.tolist() == sorted(values, reverse=True)
+    assert values[0] == bowl(layouts[0], ())
+
+
+def test_mounts_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
+    task = problem(PAIR)
+    task.views = lambda x: [x[:2].tobytes(), (-x[2:]).tobytes()]
+    one, other = mounts_of(task)
+    assert one.kind != other.kind
