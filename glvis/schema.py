@@ -327,7 +327,8 @@ def _table_of(options: Any) -> type[Table]:
 
 
 if TYPE_CHECKING:
-    SwarmTable = SearchTable = Table
+    SwarmTable = Table
+    SearchTable = Table
 else:
     SwarmTable = _table_of(SwarmOptions)
     SearchTable = _table_of(SearchOptions)
