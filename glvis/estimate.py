@@ -15,6 +15,7 @@ from glvis.sensor import Sensor
 from glvis.study import Study
 
 _MOST_SAMPLES = 12
+_MAPS_A_SENSOR_AND_MODEL = 4000  # that methods other than the swarm render, unless told
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,11 @@ class Cost:
         Positions that were measured.
     maps : int
         Of one evaluation.
-    evaluations : int
-        Of a run that stops at no rule but its number of iterations.
+    run_maps : int
+        That a run may render before its budget, or its number of iterations, ends it; 0 where
+        there is nothing to search.
+    max_seconds : float
+        That the study gives a run; infinite where it does not say.
     gl : GlInfo
         Who drew.
     """
@@ -38,13 +42,14 @@ class Cost:
     evaluation_seconds: float
     samples: int
     maps: int
-    evaluations: int
+    run_maps: int
+    max_seconds: float
     gl: GlInfo
 
-    @property
-    def run_seconds(self) -> float:
-        """Of a full run in one process."""
-        return self.evaluation_seconds * self.evaluations
+    def run_seconds(self, workers: int = 1) -> float:
+        """Return what a full run takes at most."""
+        rendering = self.evaluation_seconds * self.run_maps / self.maps / workers
+        return min(rendering, self.max_seconds)
 
 
 def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
@@ -62,9 +67,10 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
     MachineError
         Where there is no OpenGL.
     """
-    options, rig = study.swarm, study.rig
-    rng = np.random.default_rng(options.seed)
+    rig = study.rig
+    rng = np.random.default_rng(study.swarm.seed)
     low, high = rig.bounds.T
+    limits = (study.swarm.max_seconds, study.search.max_seconds)
     with Evaluator(study, cache_bytes=0) as evaluator:
         evaluator(rig.start)  # the first one also fills buffers
         times: list[float] = []
@@ -77,9 +83,22 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
             float(np.median(times)),
             len(times),
             len(study.sensors) * len(study.models),
-            options.particles * (options.iterations + 1) if study.variables else 1,
+            _run_maps(study),
+            min((limit for limit in limits if limit is not None), default=math.inf),
             evaluator.gl,
         )
+
+
+def _run_maps(study: Study) -> int:
+    """Return how many maps a run may render."""
+    if not study.variables:
+        return 0
+    maps, swarm = len(study.sensors) * len(study.models), study.swarm
+    most = study.search.max_maps
+    if study.search.method == "swarm":
+        planned = swarm.particles * (swarm.iterations + 1) * maps
+        return planned if most is None else min(most, planned)
+    return _MAPS_A_SENSOR_AND_MODEL * maps if most is None else most
 
 
 def working_distance(sensor: Sensor) -> float:

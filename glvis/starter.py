@@ -195,7 +195,7 @@ def _part_study(
         across=across,
         sensor=_sensor_text(fit, unit),
         mounts="\n".join(mounts),
-        search=_COVERAGE + _SWARM,
+        search=_COVERAGE + _search(sensors, len(meshes)),
     )
 
 
@@ -247,7 +247,7 @@ def _room_study(name: str, sensors: int) -> str:
         title=f"{name.capitalize()}, {sensors} Kinect v2",
         model=f"{name}.stl",
         mounts="\n".join(mounts),
-        search=_COVERAGE + _SWARM,
+        search=_COVERAGE + _search(sensors),
     )
 
 
@@ -288,12 +288,20 @@ kind = "of3"                   # counts overlap too: faces seen by two or three 
 weights = "set1"               # Tables 1 and 2 of the paper; or w_tot, w_of1, w_of2 and overlap
 # kind = "of1"                 # the share of faces that at least one sensor sees
 """
-_SWARM = """
+_SEARCH = """
+[search]
+method = "auto"                # or "swarm", with the options of a table [swarm]
+max_maps = {max_maps}                # of one sensor on one model; more of them find more
+
 [swarm]
-particles = 40
-iterations = 40
 seed = 1                       # the same seed gives the same run
 """
+_MAPS_A_SENSOR = 1500  # and model: a minute or two for a first look
+
+
+def _search(sensors: int, models: int = 1) -> str:
+    return _SEARCH.format(max_maps=_MAPS_A_SENSOR * sensors * models)
+
 
 _PART = """\
 # Made by 'glvis init' from the size of the mesh. It runs as it is; change what is not so.
@@ -334,7 +342,7 @@ unit = "mm"
 up = [0, 0, 1]
 
 [scene]
-models = ["{model}"]        # 3000 x 3000 x 2600 mm, a corner at the origin, seen from inside
+models = ["{model}"]        # 3000 x 3000 x 2600 mm, a corner at the origin
 # obstacles = ["pillar.stl"]   # hide what lies behind them, are never counted
 
 # The mounts below name "kinect-v2", which glvis knows: 70.6 x 60 deg, 500 to 4500 mm. Your own
@@ -396,5 +404,5 @@ mirror = {{ plane = "yz", name = "{twin}{ring}" }}
         for ring, low, high, start in ((1, 0, 180, 90), (2, -140, 40, -50))
         for name, twin, angle in (("A", "C", "-alpha"), ("B", "D", "beta"))
     ),
-    search=_OVERLAP + _SWARM,
+    search=_OVERLAP + _search(8),
 )

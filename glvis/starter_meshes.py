@@ -32,22 +32,22 @@ _ARM = np.array(
 ROOM = (3000.0, 3000.0, 2600.0)
 # Boxes by lower and upper corner, in a room of 3000 x 3000 with a corner at the origin.
 _KITCHEN = [
-    ((0, 0, 0), (600, 2100, 900)),  # counter along one wall
-    ((600, 0, 0), (2200, 600, 900)),  # and along the next
-    ((0, 2200, 0), (650, 2850, 1800)),  # fridge
-    ((0, 300, 1450), (350, 1900, 2150)),  # cupboards above the counter
-    ((1500, 1500, 700), (2500, 2300, 750)),  # table top
-    *(((x, y, 0), (x + 60, y + 60, 700)) for x in (1520, 2420) for y in (1520, 2220)),
-    ((1750, 950, 400), (2200, 1380, 450)),  # a chair's seat
-    ((1750, 900, 0), (2200, 950, 900)),  # and its back
+    ((0, 900, 0), (600, 3000, 900)),  # counter along one wall
+    ((600, 2400, 0), (2200, 3000, 900)),  # and along the next
+    ((0, 150, 0), (650, 800, 1800)),  # fridge
+    ((0, 1100, 1450), (350, 2700, 2150)),  # cupboards above the counter
+    ((1500, 700, 700), (2500, 1500, 750)),  # table top
+    *(((x, y, 0), (x + 60, y + 60, 700)) for x in (1520, 2420) for y in (720, 1420)),
+    ((1750, 1620, 400), (2200, 2050, 450)),  # a chair's seat
+    ((1750, 2050, 0), (2200, 2100, 900)),  # and its back
 ]
 _LIVING_ROOM = [
-    ((300, 100, 0), (2300, 900, 420)),  # sofa
-    ((300, 100, 420), (2300, 350, 850)),  # and its back
-    ((900, 1300, 380), (1800, 1900, 430)),  # low table
-    ((1250, 1500, 0), (1450, 1700, 380)),  # and its foot
-    ((2550, 1200, 0), (2950, 2700, 1900)),  # shelf
-    ((200, 2500, 0), (900, 2900, 700)),  # chest
+    ((700, 2100, 0), (2700, 2900, 420)),  # sofa
+    ((700, 2650, 420), (2700, 2900, 850)),  # and its back
+    ((1200, 1100, 380), (2100, 1700, 430)),  # low table
+    ((1550, 1300, 0), (1750, 1500, 380)),  # and its foot
+    ((0, 300, 0), (400, 1800, 1900)),  # shelf
+    ((2200, 200, 0), (2900, 600, 700)),  # chest
 ]
 
 
@@ -76,9 +76,12 @@ def arm() -> Triangles:
 
 
 def room(furniture: str) -> Triangles:
-    """Return a room seen from inside, without ceiling: "kitchen" or "room"."""
+    """Return floor, two walls and furniture of a room: "kitchen" or "room".
+
+    The other walls are left out, so that pictures look into the room.
+    """
     boxes = _KITCHEN if furniture == "kitchen" else _LIVING_ROOM
-    walls = box((0, 0, 0), ROOM, skip=(5,))[:, ::-1]  # normals inwards
+    walls = box((0, 0, 0), ROOM, skip=(1, 2, 5))[:, ::-1]  # normals inwards
     # a hair apart, so that no edge of one is an edge of another
     gap = np.ones(3)
     return np.concatenate([walls, *(box(low + gap, high - gap) for low, high in boxes)])

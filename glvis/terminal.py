@@ -111,9 +111,13 @@ def _progress_line(progress: Progress) -> str:
 def _numbers(progress: Progress) -> str:
     return (
         f"best {progress.best:.6g}  mean {progress.mean:.6g}  "
-        f"{progress.evaluations_per_second:.3g} evaluations/s  "
+        f"{_rate(progress.evaluations_per_second)} evaluations/s  "
         f"{duration(progress.seconds_left)} left"
     )
+
+
+def _rate(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
 
 def _cell(value: object) -> str:

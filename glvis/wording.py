@@ -104,11 +104,11 @@ def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
         f"One evaluation ({cost.maps} maps): {1000 * cost.evaluation_seconds:,.1f} ms in one "
         f"process, the median of {cost.samples} random positions"
     )
-    if cost.evaluations > 1:
+    if cost.run_maps:
         yield (
-            f"A full run of {cost.evaluations:,} evaluations: at most "
-            f"{duration(cost.run_seconds)} in one process, about "
-            f"{duration(cost.run_seconds / workers)} with {workers}; it may stall before"
+            f"A full run of {cost.run_maps:,} maps: at most {duration(cost.run_seconds())} in "
+            f"one process, about {duration(cost.run_seconds(workers))} with {workers}; it may "
+            "end before"
         )
 
 

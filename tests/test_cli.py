@@ -82,7 +82,7 @@ def test_check_says_what_is_in_a_study(glvis_cli, study):
     assert "eye: 60 x 40 deg, 96 x 64 pixels, 0 to 12 mm" in out
     assert "3 of them: A, B, C" in out
     assert "One evaluation (6 maps): " in out
-    assert "A full run of 12 evaluations: at most " in out
+    assert "A full run of 72 maps: at most " in out
     assert "OpenGL: " in out
     assert "Warning" not in out
 
