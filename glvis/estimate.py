@@ -74,7 +74,7 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
     with Evaluator(study, cache_bytes=0) as evaluator:
         evaluator(rig.start)  # the first one also fills buffers
         times: list[float] = []
-        while len(times) < _MOST_SAMPLES and sum(times) < max_seconds:
+        while not times or (len(times) < _MOST_SAMPLES and sum(times) < max_seconds):
             x = rng.uniform(low, high)
             started = time.perf_counter()
             evaluator(x)

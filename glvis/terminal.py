@@ -85,20 +85,16 @@ class _Lines:
 
 @contextmanager
 def _bar() -> Iterator[Callable[[Progress], None]]:
-    columns = (
-        TextColumn("iteration {task.completed:.0f}/{task.total:.0f}"),
-        BarColumn(bar_width=None),
-        TextColumn("{task.description}"),
-    )
-    with Bar(*columns, console=Console(stderr=True), transient=True, expand=True) as bar:
-        task = bar.add_task("", total=None, start=False)
+    columns = (BarColumn(bar_width=20), TextColumn("{task.description}"))
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("the first iteration ...", total=None)
 
         def show(progress: Progress) -> None:
             bar.update(
                 task,
                 total=progress.iterations,
                 completed=progress.iteration,
-                description=_numbers(progress),
+                description=_progress_line(progress),
             )
 
         yield show

@@ -1,6 +1,7 @@
 """The command line: from a file to a result folder, and what it says on the way."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -405,6 +406,31 @@ def test_a_reader_that_goes_away_does_not_end_a_run(tmp_path, study):
         p.stderr.close()
         assert p.wait(timeout=60) == 0
     assert files_below(out) == SEARCHED
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo terminals")
+def test_a_terminal_gets_a_bar_that_goes_away(tmp_path, study):
+    reader, writer = os.openpty()
+    command = [sys.executable, "-m", "glvis", "optimize", study, "-o", tmp_path / "out", *QUICK]
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
+    with subprocess.Popen(command, stderr=writer, stdout=subprocess.PIPE, env=environment) as p:
+        os.close(writer)
+        shown = b""
+        while True:
+            try:
+                part = os.read(reader, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not part:
+                break
+            shown += part
+        os.close(reader)
+        said = p.stdout.read()
+        assert p.wait(timeout=60) == 0, shown
+    assert said.startswith(b"Faces seen\n")
+    assert b"iteration 2/2" in shown
+    assert b"evaluations/s" in shown
+    assert b"\x1b[2K" in shown  # the line is taken back
 
 
 def progress(iteration: int) -> Progress:

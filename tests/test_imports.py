@@ -86,8 +86,8 @@ ARROWS = {
     "starter_meshes": "",
     "starter": "camera errors scene schema sensor starter_meshes",
     "cli_options": "",
-    "cli_results": "cli_options compare delivery errors explain_words folder placement reading terminal"
-    " tolerance tolerance_words",
+    "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
+    " terminal tolerance tolerance_words",
     "cli": "checks cli_options cli_results delivery doctor errors estimate folder placement reading"
     " starter study terminal wording workers",
     "__main__": "cli",
