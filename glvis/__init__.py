@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from glvis.errors import MachineError, StudyError
-    from glvis.evaluator import Evaluator
-    from glvis.placement import Placement, evaluate_poses, place_sensors
-    from glvis.study import Study, load_study
-    from glvis.visibility import VisibilityMap
+    from glvis.inputs.study import Study, load_study
+    from glvis.optim.evaluator import Evaluator
+    from glvis.optim.placement import Placement, evaluate_poses, place_sensors
+    from glvis.sight.visibility import VisibilityMap
 
 __version__ = "0.1.0"
 __all__ = [
@@ -26,15 +26,15 @@ __all__ = [
 
 # Where the public names live; imported when first asked for, as ``--help`` needs none of them.
 _HOMES = {
-    "Evaluator": "evaluator",
+    "Evaluator": "optim.evaluator",
     "MachineError": "errors",
-    "Placement": "placement",
-    "Study": "study",
+    "Placement": "optim.placement",
+    "Study": "inputs.study",
     "StudyError": "errors",
-    "VisibilityMap": "visibility",
-    "evaluate_poses": "placement",
-    "load_study": "study",
-    "place_sensors": "placement",
+    "VisibilityMap": "sight.visibility",
+    "evaluate_poses": "optim.placement",
+    "load_study": "inputs.study",
+    "place_sensors": "optim.placement",
 }
 
 

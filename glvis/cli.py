@@ -19,7 +19,7 @@ from glvis.cli_results import commands as commands_about_results
 from glvis.errors import MachineError, StudyError
 
 if TYPE_CHECKING:
-    from glvis.study import Study
+    from glvis.inputs.study import Study
 
 app = typer.Typer(
     name="glvis",
@@ -99,7 +99,7 @@ def init(
 
     Bounds, ranges and start follow from the size of the mesh.
     """
-    from glvis.starter import next_commands, write_starter
+    from glvis.inputs.starter import next_commands, write_starter
     from glvis.terminal import say
 
     path = write_starter(directory, model or (), example=example, unit=unit, sensors=sensors, up=up)
@@ -115,11 +115,11 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
     resolution of the renders, the OpenGL driver, and how long a full run takes here.
     """
-    from glvis.estimate import measured_cost
-    from glvis.study import load_study
+    from glvis.inputs.estimate import measured_cost
+    from glvis.inputs.study import load_study
+    from glvis.optim.workers import available_cores
+    from glvis.outputs.wording import cost_lines, study_lines
     from glvis.terminal import say
-    from glvis.wording import cost_lines, study_lines
-    from glvis.workers import available_cores
 
     loaded = load_study(study, overrides or ())
     for line in study_lines(loaded):
@@ -155,13 +155,13 @@ def evaluate(
     Writes study.toml (as run), result.json (poses, coverage), coverage.csv and sensors.csv
     (tables), visibility.npz (which sensor sees which face) and pictures in views/.
     """
-    from glvis.delivery import deliver, summary_of_files
-    from glvis.folder import result_folder
-    from glvis.placement import evaluate_poses
-    from glvis.reading import read_poses
-    from glvis.study import load_study
+    from glvis.inputs.study import load_study
+    from glvis.optim.placement import evaluate_poses
+    from glvis.outputs.delivery import deliver, summary_of_files
+    from glvis.outputs.folder import result_folder
+    from glvis.outputs.reading import read_poses
+    from glvis.outputs.wording import result_lines
     from glvis.terminal import say
-    from glvis.wording import result_lines
 
     loaded = load_study(study, overrides or ())
     given = read_poses(poses, loaded.sensor_names) if poses else None
@@ -229,13 +229,13 @@ def optimize(
     Writes what 'evaluate' writes, trace.csv (best and mean value of each iteration) and
     checkpoint.npz (what --resume needs).
     """
-    from glvis.delivery import deliver, summary_of_files
-    from glvis.folder import STUDY, result_folder
-    from glvis.placement import place_sensors
-    from glvis.study import load_study
+    from glvis.inputs.study import load_study
+    from glvis.optim.placement import place_sensors
+    from glvis.optim.workers import available_cores
+    from glvis.outputs.delivery import deliver, summary_of_files
+    from glvis.outputs.folder import STUDY, result_folder
+    from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
-    from glvis.wording import result_lines
-    from glvis.workers import available_cores
 
     if study and study.is_dir() and not resume:
         study, resume = None, study
@@ -276,8 +276,8 @@ def optimize(
 
 
 def _warnings(study: Study) -> list[str]:
-    from glvis.checks import study_warnings
-    from glvis.wording import resolution_warnings
+    from glvis.inputs.checks import study_warnings
+    from glvis.outputs.wording import resolution_warnings
 
     return [*study_warnings(study), *resolution_warnings(study)]
 

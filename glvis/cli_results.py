@@ -46,7 +46,7 @@ def render(
 
     Poses and maps are those of the result; its meshes are read again.
     """
-    from glvis.delivery import Look, render_again
+    from glvis.outputs.delivery import Look, render_again
     from glvis.terminal import say
 
     look = Look(color=color)
@@ -78,8 +78,8 @@ def explain(result: ResultFolder) -> None:
     Every unseen face has one reason: nothing looks there, turned away, too far, too near, too
     oblique, hidden; that of the sensor that came closest to seeing it.
     """
-    from glvis.explain_words import explain_lines
-    from glvis.reading import read_result
+    from glvis.outputs.explain_words import explain_lines
+    from glvis.outputs.reading import read_result
     from glvis.terminal import say
 
     for line in explain_lines(read_result(result)):
@@ -119,13 +119,24 @@ def tolerance(
 
     Lengths and angles may carry their unit; without one they are in the study's and in degrees.
     """
-    from glvis.delivery import deliver
-    from glvis.folder import result_folder
-    from glvis.placement import evaluate_poses
-    from glvis.reading import read_result
+    from glvis.optim.placement import evaluate_poses
+    from glvis.outputs.delivery import deliver
+    from glvis.outputs.folder import result_folder
+    from glvis.outputs.reading import read_result
+    from glvis.outputs.tolerance import (
+        degrees_of,
+        length_of,
+        random_errors,
+        rounded_poses,
+        single_errors,
+    )
+    from glvis.outputs.tolerance_words import (
+        loss_lines,
+        rounding_lines,
+        sensitivity_lines,
+        spread_lines,
+    )
     from glvis.terminal import say
-    from glvis.tolerance import degrees_of, length_of, random_errors, rounded_poses, single_errors
-    from glvis.tolerance_words import loss_lines, rounding_lines, sensitivity_lines, spread_lines
 
     planned = read_result(result)
     unit = planned.study.unit
@@ -177,9 +188,9 @@ def compare(
 
     With -o: for each model the layouts in the same view, and a map of the difference.
     """
-    from glvis.compare import comparison_lines, named, write_comparison
-    from glvis.folder import result_folder
-    from glvis.reading import read_result
+    from glvis.outputs.compare import comparison_lines, named, write_comparison
+    from glvis.outputs.folder import result_folder
+    from glvis.outputs.reading import read_result
 
     if len(results) < 2:
         raise StudyError("compare needs two or more results")

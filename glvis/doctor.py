@@ -7,9 +7,9 @@ import os
 import platform
 from collections.abc import Iterator
 
-from glvis.context import gl_info
-from glvis.result import versions
-from glvis.selftest import check_driver
+from glvis.outputs.result import versions
+from glvis.sight.context import gl_info
+from glvis.sight.selftest import check_driver
 
 _LIBRARIES = {"libEGL.so.1": "EGL", "libGL.so.1": "OpenGL", "libOSMesa.so.8": "OSMesa, optional"}
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from glvis.placement import Progress
+from glvis.optim.placement import Progress
 
 _SECONDS_BETWEEN_LINES = 5.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 from shapes import cube, moved, torus
 
-from glvis.study import Study, load_study
+from glvis.inputs.study import Study, load_study
 
 STUDY = """
 title = "Torus, three cameras"

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 import numpy as np
 
 from glvis.camera import Intrinsics, camera_to_world
-from glvis.clusters import Clusters
-from glvis.mapper import Mapper
-from glvis.renderer import Renderer
-from glvis.scene import Model
-from glvis.sensor import Sensor
-from glvis.surface import Surface
-from glvis.visibility import VisibilityOptions
+from glvis.inputs.scene import Model
+from glvis.inputs.sensor import Sensor
+from glvis.sight.clusters import Clusters
+from glvis.sight.mapper import Mapper
+from glvis.sight.renderer import Renderer
+from glvis.sight.surface import Surface
+from glvis.sight.visibility import VisibilityOptions
 
 # Looks down -z from the origin: shapes.plate with its normal +z looks back at it.
 DOWN = camera_to_world([0, 0, 0], [0, 0, -1], up=(0, 1, 0))

@@ -7,8 +7,8 @@ import shapes
 from sight import mapper, random_poses, sensor
 
 from glvis.camera import camera_to_world
-from glvis.renderer import Renderer, Selection
-from glvis.scene import load_model
+from glvis.inputs.scene import load_model
+from glvis.sight.renderer import Renderer, Selection
 
 TABLE_8 = [  # position, direction, roll in degrees
     ((178, -242, 136), (-0.82, 0.55, -0.14), 0),

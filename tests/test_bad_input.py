@@ -10,7 +10,7 @@ import pytest
 from studies import SMALL, write_small_study
 
 from glvis.cli import main
-from glvis.folder import files_below
+from glvis.outputs.folder import files_below
 
 
 def binary_stl(faces: int, corners: float = 1.0) -> bytes:
@@ -248,7 +248,7 @@ def test_full_disk_is_one_line_and_leaves_nothing(capsys, folder, monkeypatch):
         with Path("/dev/full").open("wb", buffering=0) as file:
             file.write(b"x")
 
-    monkeypatch.setattr("glvis.result.write_npz", full)
+    monkeypatch.setattr("glvis.outputs.result.write_npz", full)
     study = folder / "study" / "study.toml"
     code, line = refused(capsys, "evaluate", study, "-o", folder / "out", "--no-pictures")
     assert code == 1

@@ -11,10 +11,10 @@ import pytest
 from small_study import SMALL, write_small_study
 
 import glvis
-from glvis.checkpoint import read_checkpoint
 from glvis.errors import MachineError, StudyError
-from glvis.placement import evaluate_poses, place_sensors
-from glvis.study import load_study
+from glvis.inputs.study import load_study
+from glvis.optim.checkpoint import read_checkpoint
+from glvis.optim.placement import evaluate_poses, place_sensors
 
 
 @pytest.fixture
@@ -86,8 +86,9 @@ def test_interrupted_search_goes_on(study, path):
 def test_search_killed_at_any_moment_goes_on(study, path):
     script = (
         "import os, signal, sys\nfrom pathlib import Path\n"
-        "from glvis.placement import place_sensors\nfrom glvis.study import load_study\n"
-        "from glvis import evaluator\n"
+        "from glvis.optim.placement import place_sensors\n"
+        "from glvis.inputs.study import load_study\n"
+        "from glvis.optim import evaluator\n"
         "study, path, calls = load_study(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])\n"
         "key = evaluator._key\n"
         "def deadly(*args):\n"
@@ -193,7 +194,7 @@ def test_file_that_is_no_checkpoint_is_refused(study, path, what):
 
 
 def test_checkpoint_of_another_version_is_refused(study, path, monkeypatch):
-    monkeypatch.setattr("glvis.checkpoint.VERSION", 2)
+    monkeypatch.setattr("glvis.optim.checkpoint.VERSION", 2)
     place_sensors(study, checkpoint=path)
     monkeypatch.undo()
     with pytest.raises(StudyError, match="of version 2; this glvis reads version 1"):
@@ -225,10 +226,10 @@ def test_search_that_goes_on_elsewhere_says_so(study, path, monkeypatch):
     place_sensors(study, checkpoint=path)
     from dataclasses import replace
 
-    from glvis import maps
+    from glvis.sight import maps
 
     info = replace(maps.gl_info(), renderer="another GPU")
-    monkeypatch.setattr("glvis.maps.gl_info", lambda: info)
+    monkeypatch.setattr("glvis.sight.maps.gl_info", lambda: info)
     (warning,) = place_sensors(study, checkpoint=path, resume=True).warnings
     assert warning.startswith("the search began on ") and "went on on another GPU (" in warning
 

@@ -5,8 +5,8 @@ import pytest
 from shapes import cube, flipped, icosphere
 from test_study import off
 
-from glvis.checks import study_warnings
-from glvis.study import load_study
+from glvis.inputs.checks import study_warnings
+from glvis.inputs.study import load_study
 
 RING = """\
 unit = "UNIT"

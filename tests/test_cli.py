@@ -13,11 +13,11 @@ from studies import SMALL, write_small_study
 
 import glvis
 from glvis.cli import main
+from glvis.drawing.pictures import write_views
 from glvis.errors import MachineError
-from glvis.folder import files_below
-from glvis.pictures import write_views
-from glvis.placement import Progress
-from glvis.reading import read_result
+from glvis.optim.placement import Progress
+from glvis.outputs.folder import files_below
+from glvis.outputs.reading import read_result
 from glvis.terminal import _Lines, duration, table
 
 EXPORTS = ["README.txt", "blender_scene.py", "colmap/cameras.txt", "colmap/images.txt"]
@@ -202,7 +202,7 @@ def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, m
         (directory / "views" / "half.png").touch()
         raise MachineError("no more memory on the GPU")
 
-    monkeypatch.setattr("glvis.delivery.write_pictures", no_pictures)
+    monkeypatch.setattr("glvis.outputs.delivery.write_pictures", no_pictures)
     out = tmp_path / "out"
     code, text, _ = glvis_cli("evaluate", study, "-o", out)
     assert code == 1
@@ -216,7 +216,7 @@ def test_ctrl_c_while_pictures_are_made_leaves_the_result(glvis_cli, study, tmp_
     def interrupted(placement, directory):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("glvis.delivery.write_pictures", interrupted)
+    monkeypatch.setattr("glvis.outputs.delivery.write_pictures", interrupted)
     code, text, _ = glvis_cli("evaluate", study, "-o", tmp_path / "out")
     assert code == 1
     assert "Warning: the pictures were left out on Ctrl-C; 'glvis render" in text
@@ -227,7 +227,7 @@ def test_pictures_come_with_a_result_and_can_be_made_again(glvis_cli, study, tmp
     def small(*arguments, **options):
         return write_views(*arguments, **options | {"size": (320, 200)})
 
-    monkeypatch.setattr("glvis.delivery.write_views", small)
+    monkeypatch.setattr("glvis.outputs.delivery.write_views", small)
     out = tmp_path / "out"
     code, text, err = glvis_cli("optimize", study, "-o", out)
     assert code == 0

@@ -4,8 +4,8 @@ import pytest
 from studies import write_small_study
 
 from glvis.cli import main
-from glvis.folder import files_below
-from glvis.reading import read_result
+from glvis.outputs.folder import files_below
+from glvis.outputs.reading import read_result
 
 
 @pytest.fixture(scope="module")

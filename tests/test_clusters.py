@@ -6,10 +6,10 @@ import shapes
 from sight import mapper, random_poses, sensor
 
 from glvis.camera import camera_to_world
-from glvis.clusters import Clusters
-from glvis.mapper import _selection
-from glvis.renderer import Renderer, Selection
-from glvis.scene import Model
+from glvis.inputs.scene import Model
+from glvis.sight.clusters import Clusters
+from glvis.sight.mapper import _selection
+from glvis.sight.renderer import Renderer, Selection
 
 
 def clusters_of(shape, size=None) -> Clusters:

@@ -9,7 +9,10 @@ from studies import SMALL, write_small_study
 
 from glvis.camera import camera_to_world
 from glvis.cli import main
-from glvis.compare import (
+from glvis.drawing.palette import SEEN_COLOR, UNSEEN_COLOR
+from glvis.inputs.study import load_study
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.compare import (
     BOTH,
     FIRST,
     NEITHER,
@@ -22,10 +25,7 @@ from glvis.compare import (
     sensor_moves,
     shared_models,
 )
-from glvis.folder import files_below
-from glvis.palette import SEEN_COLOR, UNSEEN_COLOR
-from glvis.placement import evaluate_poses
-from glvis.study import load_study
+from glvis.outputs.folder import files_below
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_names_are_as_long_as_they_must_be_to_differ(layouts):
 
 
 def test_pictures_come_into_a_new_folder(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("glvis.compare._SIZE", (300, 300))
+    monkeypatch.setattr("glvis.outputs.compare._SIZE", (300, 300))
     (tmp_path / "study").mkdir()
     text = SMALL.replace('"cube.off", "small.off"', '"cube.off"')
     study = str(write_small_study(tmp_path / "study", text))

@@ -9,11 +9,11 @@ import shapes
 from studies import SMALL, write_small_study
 
 from glvis.camera import Intrinsics
-from glvis.estimate import Cost, measured_cost, share_below_a_pixel, working_distance
-from glvis.placement import place_sensors
-from glvis.scene import Model
-from glvis.sensor import Sensor
-from glvis.study import load_study
+from glvis.inputs.estimate import Cost, measured_cost, share_below_a_pixel, working_distance
+from glvis.inputs.scene import Model
+from glvis.inputs.sensor import Sensor
+from glvis.inputs.study import load_study
+from glvis.optim.placement import place_sensors
 
 EYE = Sensor("eye", Intrinsics.from_degrees(90, 90), (100, 100), 0.0, 20.0)
 

@@ -9,12 +9,12 @@ import pytest
 import shapes
 from studies import SMALL, write_off, write_small_study
 
-from glvis.explain import REASONS, SEEN, regions, unseen_reasons, values_without
-from glvis.explain_words import explain_lines, facing_words
-from glvis.placement import evaluate_poses
-from glvis.scene import Model
-from glvis.study import load_study
-from glvis.visibility import VisibilityOptions
+from glvis.inputs.scene import Model
+from glvis.inputs.study import load_study
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.explain import REASONS, SEEN, regions, unseen_reasons, values_without
+from glvis.outputs.explain_words import explain_lines, facing_words
+from glvis.sight.visibility import VisibilityOptions
 
 ARM = """
 up = [0, 1, 0]

@@ -16,11 +16,11 @@ import trimesh
 from studies import SMALL, write_small_study
 
 from glvis.camera import rigid_inverse
-from glvis.export_poses import write_exports, write_poses
-from glvis.export_surfaces import face_colors, write_surfaces
-from glvis.placement import evaluate_poses
-from glvis.rotations import quaternion, roll_pitch_yaw, rotation_between
-from glvis.study import load_study
+from glvis.inputs.study import load_study
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.export_poses import write_exports, write_poses
+from glvis.outputs.export_surfaces import face_colors, write_surfaces
+from glvis.outputs.rotations import quaternion, roll_pitch_yaw, rotation_between
 
 # Two kinds of sensors, pixels that are not square, a roll, a mirror, another unit and up.
 TEXT = (

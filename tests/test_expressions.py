@@ -4,7 +4,14 @@ import math
 
 import pytest
 
-from glvis.expressions import Linear, nearest, parse_linear, plain_name, resolved, substituted
+from glvis.inputs.expressions import (
+    Linear,
+    nearest,
+    parse_linear,
+    plain_name,
+    resolved,
+    substituted,
+)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapes import cube, icosphere, plate
 
-from glvis.framing import (
+from glvis.drawing.framing import (
     View,
     axis_label,
     fitted_eye,
@@ -13,7 +13,7 @@ from glvis.framing import (
     towards_eye,
     view_axes,
 )
-from glvis.scene import Model
+from glvis.inputs.scene import Model
 
 UPS = ([0, 0, 1], [0, 1, 0], [1, 0, 0], [0.2, -0.5, 0.8])
 

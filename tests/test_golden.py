@@ -23,12 +23,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from glvis.coloring import coloring
-from glvis.context import gl_info
-from glvis.evaluator import Evaluator
-from glvis.scenesheets import close_sheet, perspective_sheet, sides_sheet
-from glvis.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
-from glvis.stage import Stage
+from glvis.drawing.coloring import coloring
+from glvis.drawing.scenesheets import close_sheet, perspective_sheet, sides_sheet
+from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
+from glvis.drawing.stage import Stage
+from glvis.optim.evaluator import Evaluator
+from glvis.sight.context import gl_info
 
 GOLDEN = Path(__file__).parent / "golden"
 SIZE = (480, 300)

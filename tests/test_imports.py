@@ -108,10 +108,11 @@ DOORS = {
     "embreex": "",  # the rival that tools/bench measures; never part of the product
 }
 
+# by name alone: no two modules share one, whatever folder they lie in
 MODULES = {
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts): path
+    path.stem: path
     for path in sorted(PACKAGE.rglob("*.py"))
-    if path.relative_to(PACKAGE).as_posix() != "viewer/__init__.py"
+    if path.parent == PACKAGE or path.stem != "__init__"
 }
 
 
@@ -134,7 +135,7 @@ def imported(path: Path) -> set[str]:
 
 def own_modules(names: set[str]) -> set[str]:
     """Return the modules of glvis among dotted names."""
-    short = {name.removeprefix("glvis.") for name in names if name.startswith("glvis.")}
+    short = {name.rpartition(".")[2] for name in names if name.startswith("glvis.")}
     return {name for name in short if name in MODULES}
 
 

@@ -5,7 +5,9 @@ import pytest
 from studies import SMALL, write_small_study
 
 from glvis.camera import camera_to_world
-from glvis.mounting import (
+from glvis.inputs.study import load_study
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.mounting import (
     Setting,
     level_axes,
     mounting_lines,
@@ -13,8 +15,6 @@ from glvis.mounting import (
     setting_of_pose,
     setting_words,
 )
-from glvis.placement import evaluate_poses
-from glvis.study import load_study
 
 
 @pytest.mark.parametrize(

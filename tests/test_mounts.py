@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from glvis.camera import camera_to_world, mirrored_pose, position_direction_roll
-from glvis.expressions import parse_linear
-from glvis.layout import Aim, Angles, Free, Mirror, Mount, Ring, Vector
-from glvis.mounts import Variable, build_rig
+from glvis.inputs.expressions import parse_linear
+from glvis.inputs.layout import Aim, Angles, Free, Mirror, Mount, Ring, Vector
+from glvis.inputs.mounts import Variable, build_rig
 
 X, Y, Z = np.eye(3)
 ORIGIN = (0.0, 0.0, 0.0)

@@ -417,7 +417,7 @@ def test_part_centroids_are_those_of_congruent_parts():
 
 
 def test_eye_reads_a_sensor_in_degrees():
-    from glvis.sensor import CATALOGUE
+    from glvis.inputs.sensor import CATALOGUE
 
     eye = Eye.of(CATALOGUE["d415"])
     assert (eye.hfov_deg, eye.vfov_deg) == pytest.approx((66.4, 39.5))

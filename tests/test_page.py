@@ -14,7 +14,9 @@ import pytest
 from browser import Browser, find_chromium
 
 from glvis.camera import Intrinsics, camera_to_world, projection_matrix, rigid_inverse
-from glvis.page import (
+from glvis.drawing.palette import UNSEEN_COLOR, sensor_colors
+from glvis.inputs.scene import load_model
+from glvis.viewer.page import (
     PageData,
     PageModel,
     PageObstacle,
@@ -24,8 +26,6 @@ from glvis.page import (
     page_text,
     write_page,
 )
-from glvis.palette import UNSEEN_COLOR, sensor_colors
-from glvis.scene import load_model
 
 N = 12  # cells along the plate
 SIZE = 120.0

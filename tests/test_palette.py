@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glvis.palette import (
+from glvis.drawing.palette import (
     OBSTACLE_COLOR,
     OVERLAP_COLORS,
     SEEN_COLOR,

@@ -10,7 +10,7 @@ from PIL import Image
 from shapes import plate
 
 from glvis.camera import Intrinsics, camera_to_world
-from glvis.coloring import (
+from glvis.drawing.coloring import (
     KINDS,
     STRIPED,
     Bar,
@@ -22,17 +22,17 @@ from glvis.coloring import (
     seen_by_one,
     share,
 )
-from glvis.evaluator import Evaluator
-from glvis.glyphs import sensor_bodies, sensor_lines
-from glvis.palette import SEEN_COLOR, UNSEEN_COLOR, overlap_colors, sensor_colors
-from glvis.pictures import write_views
-from glvis.places import Box, grid, label_places, number, readable, round_length, ticks
-from glvis.plots import write_convergence
-from glvis.scene import Model
-from glvis.sensor import Sensor
-from glvis.sheet import Sheet
-from glvis.stage import Stage, extreme_points
-from glvis.visibility import VisibilityMap
+from glvis.drawing.glyphs import sensor_bodies, sensor_lines
+from glvis.drawing.palette import SEEN_COLOR, UNSEEN_COLOR, overlap_colors, sensor_colors
+from glvis.drawing.pictures import write_views
+from glvis.drawing.places import Box, grid, label_places, number, readable, round_length, ticks
+from glvis.drawing.plots import write_convergence
+from glvis.drawing.sheet import Sheet
+from glvis.drawing.stage import Stage, extreme_points
+from glvis.inputs.scene import Model
+from glvis.inputs.sensor import Sensor
+from glvis.optim.evaluator import Evaluator
+from glvis.sight.visibility import VisibilityMap
 
 CAM = Sensor("cam", Intrinsics.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.radians(70))
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from small_study import write_small_study
 
-from glvis.evaluator import Evaluator
-from glvis.placement import evaluate_poses, place_sensors
-from glvis.study import load_study
+from glvis.inputs.study import load_study
+from glvis.optim.evaluator import Evaluator
+from glvis.optim.placement import evaluate_poses, place_sensors
 
 
 @pytest.fixture

@@ -5,11 +5,11 @@ import pytest
 import shapes
 from sight import DOWN, mapper
 
-from glvis import renderer as r
-from glvis import selftest, surface
 from glvis.camera import camera_to_world
-from glvis.context import gl_context, gl_info
 from glvis.errors import MachineError
+from glvis.sight import renderer as r
+from glvis.sight import selftest, surface
+from glvis.sight.context import gl_context, gl_info
 
 
 @pytest.fixture(autouse=True)

@@ -11,17 +11,17 @@ import pytest
 from studies import write_small_study
 
 from glvis.errors import MachineError, StudyError
-from glvis.folder import ResultFolder, files_below, renewed_files, result_folder
-from glvis.placement import TraceRow, evaluate_poses, place_sensors
-from glvis.reading import read_poses, read_result
-from glvis.result import (
+from glvis.inputs.study import load_study
+from glvis.optim.placement import TraceRow, evaluate_poses, place_sensors
+from glvis.outputs.folder import ResultFolder, files_below, renewed_files, result_folder
+from glvis.outputs.reading import read_poses, read_result
+from glvis.outputs.result import (
     sensor_poses,
     write_data,
     write_npz,
     write_summary,
 )
-from glvis.study import load_study
-from glvis.tables import model_rows, sensor_rows
+from glvis.outputs.tables import model_rows, sensor_rows
 
 
 @pytest.fixture(scope="module")

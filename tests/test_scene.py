@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shapes import corners, cube, flipped, icosphere, merged, permuted, plate, soup, torus
 
-from glvis.scene import SUFFIXES, Model, load_model
+from glvis.inputs.scene import SUFFIXES, Model, load_model
 
 
 def model(shape, name="shape", **options) -> Model:

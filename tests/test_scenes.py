@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glvis.scene import load_model
-from glvis.study import load_study
+from glvis.inputs.scene import load_model
+from glvis.inputs.study import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "scenes"

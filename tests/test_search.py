@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from small_study import SMALL, write_small_study
 
-from glvis.box import Box
 from glvis.errors import StudyError
-from glvis.evaluator import Evaluator
-from glvis.greedy import greedy, greedy_alone, mounts_of
-from glvis.placement import place_sensors
-from glvis.refine import Steps, refine_alone
-from glvis.script import Block, Problem, ScriptSearch
-from glvis.search import METHODS
-from glvis.search_options import SearchOptions
-from glvis.study import load_study
+from glvis.inputs.study import load_study
+from glvis.optim.box import Box
+from glvis.optim.evaluator import Evaluator
+from glvis.optim.greedy import greedy, greedy_alone, mounts_of
+from glvis.optim.placement import place_sensors
+from glvis.optim.refine import Steps, refine_alone
+from glvis.optim.script import Block, Problem, ScriptSearch
+from glvis.optim.search import METHODS
+from glvis.optim.search_options import SearchOptions
 
 
 def problem(moved_by, *, max_maps=1500, seed=1, start=0.1, models=1, most_poses=10_000):

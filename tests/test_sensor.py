@@ -5,7 +5,7 @@ import math
 import pytest
 
 from glvis.camera import Intrinsics
-from glvis.sensor import CATALOGUE, Sensor
+from glvis.inputs.sensor import CATALOGUE, Sensor
 
 
 def sensor(**changes):

@@ -5,11 +5,11 @@ import pytest
 from shapes import cube, icosphere, merged, plate, triangle
 
 from glvis.camera import camera_to_world, projection_matrix
-from glvis.coloring import BACK_COLOR
-from glvis.context import gl_context
+from glvis.drawing.coloring import BACK_COLOR
+from glvis.drawing.framing import Eye, View, fitted_eye
+from glvis.drawing.shading import Canvas, Lines, Solid, corner_normals
 from glvis.errors import MachineError
-from glvis.framing import Eye, View, fitted_eye
-from glvis.shading import Canvas, Lines, Solid, corner_normals
+from glvis.sight.context import gl_context
 
 UP = (0, 0, 1)
 RED, BLUE, WHITE = np.array([200, 30, 20]), np.array([10, 60, 220]), np.array([255, 255, 255])

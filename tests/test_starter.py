@@ -9,15 +9,15 @@ import pytest
 import shapes
 from studies import write_off
 
-from glvis.checks import study_warnings
 from glvis.cli import main
 from glvis.errors import StudyError
-from glvis.folder import files_below
-from glvis.placement import evaluate_poses
-from glvis.scene import Model, load_model
-from glvis.starter import EXAMPLES, fitting_sensor, write_starter
-from glvis.starter_meshes import arm, box, room
-from glvis.study import load_study
+from glvis.inputs.checks import study_warnings
+from glvis.inputs.scene import Model, load_model
+from glvis.inputs.starter import EXAMPLES, fitting_sensor, write_starter
+from glvis.inputs.starter_meshes import arm, box, room
+from glvis.inputs.study import load_study
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.folder import files_below
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

@@ -10,12 +10,12 @@ import pytest
 from shapes import cube, icosphere
 
 from glvis.errors import StudyError
-from glvis.mounts import Variable
-from glvis.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
-from glvis.schema import SwarmTable, VisibilityTable
-from glvis.study import load_study
-from glvis.swarm_options import SwarmOptions
-from glvis.visibility import VisibilityOptions
+from glvis.inputs.mounts import Variable
+from glvis.inputs.schema import SwarmTable, VisibilityTable
+from glvis.inputs.study import load_study
+from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
+from glvis.optim.swarm_options import SwarmOptions
+from glvis.sight.visibility import VisibilityOptions
 
 # The format as its contract shows it, with meshes that are here.
 STUDY = """\

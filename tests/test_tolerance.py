@@ -9,10 +9,10 @@ from studies import SMALL, write_off, write_small_study
 
 from glvis.camera import camera_to_world
 from glvis.errors import StudyError
-from glvis.mounting import setting_of_pose
-from glvis.placement import evaluate_poses
-from glvis.study import load_study
-from glvis.tolerance import (
+from glvis.inputs.study import load_study
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.mounting import setting_of_pose
+from glvis.outputs.tolerance import (
     AXES,
     degrees_of,
     disturbed,
@@ -23,7 +23,12 @@ from glvis.tolerance import (
     without_each,
     worth,
 )
-from glvis.tolerance_words import loss_lines, rounding_lines, sensitivity_lines, spread_lines
+from glvis.outputs.tolerance_words import (
+    loss_lines,
+    rounding_lines,
+    sensitivity_lines,
+    spread_lines,
+)
 
 # A wall of 40 x 20 that exactly fills the field of view from a distance of 20.
 WALL = """

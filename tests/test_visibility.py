@@ -8,8 +8,13 @@ import shapes
 from sight import random_poses, seen, sensor
 
 from glvis.camera import camera_to_world
-from glvis.scene import Model
-from glvis.visibility import VisibilityMap, VisibilityOptions, render_resolution, takes_second_look
+from glvis.inputs.scene import Model
+from glvis.sight.visibility import (
+    VisibilityMap,
+    VisibilityOptions,
+    render_resolution,
+    takes_second_look,
+)
 
 BOTH = pytest.mark.parametrize("criterion", ["pixels", "centroid"])
 

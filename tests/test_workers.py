@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from small_study import write_small_study
 
-import glvis.workers
+import glvis.optim.workers
 from glvis.errors import MachineError
-from glvis.evaluator import Evaluator
-from glvis.maps import LocalMaps, MapJob, MapScene
-from glvis.placement import place_sensors
-from glvis.study import load_study
-from glvis.workers import Workers, available_cores
+from glvis.inputs.study import load_study
+from glvis.optim.evaluator import Evaluator
+from glvis.optim.placement import place_sensors
+from glvis.optim.workers import Workers, available_cores
+from glvis.sight.maps import LocalMaps, MapJob, MapScene
 
 
 @pytest.fixture
@@ -109,7 +109,7 @@ def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, positions):
     jobs = some_jobs(study, positions)
     workers = Workers(MapScene.of(study), 2, patience=1.0)
     while not all(worker.is_ready for worker in workers._crew):
-        workers._listen(glvis.workers._Call([], 1))
+        workers._listen(glvis.optim.workers._Call([], 1))
     frozen = processes(workers)[1]
     os.kill(frozen.pid, signal.SIGSTOP)
     made = list(workers.make(jobs))
@@ -123,7 +123,7 @@ def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, positions):
 def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
     crews = []
     monkeypatch.setattr(
-        "glvis.placement.Workers", lambda *args: crews.append(Workers(*args)) or crews[0]
+        "glvis.optim.placement.Workers", lambda *args: crews.append(Workers(*args)) or crews[0]
     )
 
     def kill(progress):
@@ -138,13 +138,13 @@ def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
 
 
 def test_maps_that_kill_every_worker_end_the_run(study, positions, monkeypatch):
-    give = glvis.workers._Worker.give
+    give = glvis.optim.workers._Worker.give
 
     def deadly(self, tag, job):
         give(self, tag, job)
         self.process.kill()
 
-    monkeypatch.setattr(glvis.workers._Worker, "give", deadly)
+    monkeypatch.setattr(glvis.optim.workers._Worker, "give", deadly)
     workers = Workers(MapScene.of(study), 1)
     with pytest.raises(MachineError, match=r"worker 1 died \(SIGKILL\), as others before over the"):
         list(workers.make(some_jobs(study, positions)[:1]))
@@ -152,7 +152,7 @@ def test_maps_that_kill_every_worker_end_the_run(study, positions, monkeypatch):
 
 
 def test_workers_that_die_at_their_start_end_the_run(study, monkeypatch):
-    monkeypatch.setattr("glvis.workers.sys.executable", "/bin/false")
+    monkeypatch.setattr("glvis.optim.workers.sys.executable", "/bin/false")
     with pytest.raises(
         MachineError, match=r"worker 1 died \(exit code 1\) at its start, as others"
     ):
@@ -191,13 +191,13 @@ def test_maps_that_nobody_waits_for_any_more_are_forgotten(study, positions):
 def test_workers_end_with_the_process_that_started_them(study):
     script = (
         "import sys, time\n"
-        "from glvis.maps import MapScene\nfrom glvis.study import load_study\n"
-        "from glvis.workers import Workers\n"
+        "from glvis.sight.maps import MapScene\nfrom glvis.inputs.study import load_study\n"
+        "from glvis.optim.workers import Workers\n"
         "workers = Workers(MapScene.of(load_study(sys.argv[1])), 1)\n"
         "print(workers._crew[0].process.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
-    root = Path(glvis.workers.__file__).parents[1]
+    root = Path(glvis.optim.workers.__file__).parents[1]
     parent = subprocess.Popen(
         [sys.executable, "-c", script, str(study.path)], stdout=subprocess.PIPE, cwd=root
     )
@@ -232,7 +232,7 @@ def test_workers_leave_the_threads_to_the_user(study, monkeypatch):
 def test_cores_are_those_that_the_process_may_use(monkeypatch):
     allowed = len(os.sched_getaffinity(0))
     assert 1 <= available_cores() <= allowed
-    monkeypatch.setattr("glvis.workers._cgroup_limit", lambda: "max 100000")
+    monkeypatch.setattr("glvis.optim.workers._cgroup_limit", lambda: "max 100000")
     assert available_cores() == allowed
-    monkeypatch.setattr("glvis.workers._cgroup_limit", lambda: "150000 100000")
+    monkeypatch.setattr("glvis.optim.workers._cgroup_limit", lambda: "150000 100000")
     assert available_cores() == 1

@@ -1,0 +1,144 @@
+"""The pictures of a result: which sensor sees what, how often, how well, and what nobody sees."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from glvis.drawing.coloring import KINDS, coloring
+from glvis.drawing.plots import TraceLike, write_convergence
+from glvis.drawing.scenesheets import SIZE, close_sheet, perspective_sheet, sides_sheet
+from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
+from glvis.drawing.sheet import Sheet
+from glvis.drawing.stage import Stage
+from glvis.inputs.study import Study
+from glvis.sight.visibility import VisibilityMap
+
+_SURROUNDED = ("sensor", "overlap")  # colours that are also shown with the rig, from four sides
+_SMALLEST = 200  # pixels of a sheet's side; less has no room for words
+_WAITING = 4  # sheets that may wait to be packed: they are large
+
+
+def write_views(
+    study: Study,
+    camera_to_world: ArrayLike,
+    maps: Sequence[VisibilityMap],
+    directory: Path,
+    *,
+    trace: Sequence[TraceLike] = (),
+    start_value: float | None = None,
+    size: tuple[int, int] = SIZE,
+    view: tuple[float, float] | None = None,
+    color: str | None = None,
+) -> list[Path]:
+    """Write the pictures of placed sensors as PNG.
+
+    For each model MODEL: ``MODEL-sensor-perspective``, ``MODEL-sensor-sides``,
+    ``MODEL-overlap-perspective``, ``MODEL-overlap-sides``, ``MODEL-incidence``,
+    ``MODEL-distance``, ``MODEL-unseen`` and ``MODEL-contact``. For each sensor NAME, looking at
+    the first model: ``sensor-NAME`` and ``sensor-NAME-depth``. With a trace: ``convergence``.
+
+    Parameters
+    ----------
+    study : Study
+        What was run.
+    camera_to_world : (S, 4, 4) float64
+        Poses of the sensors.
+    maps : sequence of VisibilityMap
+        One a model.
+    directory : Path
+        An existing folder.
+    trace : sequence of TraceRow
+        Steps of the search; may be empty.
+    start_value : float, optional
+        Value of the user's start, for the plot.
+    size : tuple of int
+        Pixels (width, height).
+    view : (float, float), optional
+        Azimuth and elevation, degrees, that pictures in perspective are taken from; see
+        ``framing``.
+    color : str, optional
+        Only the pictures of the scene with this colouring, one of ``coloring.KINDS``.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order made.
+
+    Raises
+    ------
+    ValueError
+        If ``color`` is none of them, there is not one map a model, or the size is too small.
+    """
+    if color is not None and color not in KINDS:
+        raise ValueError(f"color = '{color}' must be one of {', '.join(KINDS)}")
+    if len(maps) != len(study.models):
+        raise ValueError(f"{len(study.models)} models need as many maps, got {len(maps)}")
+    if min(size) < _SMALLEST:
+        raise ValueError(
+            f"size = {size[0]} x {size[1]} must be at least {_SMALLEST} x {_SMALLEST} pixels"
+        )
+    paths: list[Path] = []
+    # One thread draws while another packs what is drawn.
+    with Stage(study, camera_to_world) as stage, ThreadPoolExecutor(max_workers=1) as pool:
+        pending: list[Future[None]] = []
+        for name, sheet in _sheets(stage, maps, size, view, color):
+            paths.append(_unused(directory, name, paths))
+            pending.append(pool.submit(sheet.save, paths[-1]))
+            while len(pending) > _WAITING:
+                pending.pop(0).result()
+        for future in pending:
+            future.result()
+    if trace and color is None:
+        objective, over = study.objective, ""
+        if len(study.models) > 1:
+            over = f", {objective.aggregate} over {len(study.models)} models"
+        paths.append(_unused(directory, "convergence", paths))
+        write_convergence(
+            paths[-1],
+            trace,
+            title=study.title or "Search",
+            quantity=f"objective {objective.kind.upper()}{over}",
+            start_value=start_value,
+            upper_bound=objective.upper_bound,
+            size=size,
+        )
+    return paths
+
+
+def _sheets(
+    stage: Stage,
+    maps: Sequence[VisibilityMap],
+    size: tuple[int, int],
+    view: tuple[float, float] | None,
+    color: str | None,
+) -> Iterator[tuple[str, Sheet]]:
+    """Yield the sheets with their names, each ready to be saved."""
+    for m, seen_map in enumerate(maps):
+        seen = stage.show(m, seen_map)
+        model = seen.model.name
+        for kind in [color] if color else KINDS:
+            painted = coloring(kind, seen)
+            stage.paint(painted.colors)
+            if kind in _SURROUNDED:
+                yield f"{model}-{kind}-perspective", perspective_sheet(stage, painted, size, view)
+                yield f"{model}-{kind}-sides", sides_sheet(stage, painted, size, view)
+            else:
+                yield f"{model}-{kind}", close_sheet(stage, painted, size, view)
+        if color is None:
+            yield f"{model}-contact", contact_sheet(stage, size)
+            for s, name in enumerate(seen_map.sensor_names if m == 0 else ()):
+                yield f"sensor-{name}", sensor_sheet(stage, s, size)
+                yield f"sensor-{name}-depth", depth_sheet(stage, s, size)
+
+
+def _unused(directory: Path, name: str, taken: Sequence[Path]) -> Path:
+    """Return the path of a picture, without what no file name may hold."""
+    stem = re.sub(r"[^\w.+-]", "_", name)
+    while (path := directory / f"{stem}.png") in taken:
+        stem += "_"
+    return path

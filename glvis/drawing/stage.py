@@ -1,0 +1,237 @@
+"""One study set up for pictures: models, obstacles and sensors on the GPU, and eyes for them.
+
+The join between what is shown (studies, maps, colours) and how it is drawn (shading); knows
+nothing of sheets and files.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glvis.camera import projection_matrix
+from glvis.drawing.coloring import Seen
+from glvis.drawing.framing import Eye, View, fitted_eye, standard_views, towards_eye
+from glvis.drawing.glyphs import sensor_bodies, sensor_lines
+from glvis.drawing.palette import OBSTACLE_COLOR, sensor_colors
+from glvis.drawing.shading import Canvas, Lines, Solid
+from glvis.inputs.study import Study
+from glvis.sight.visibility import VisibilityMap
+
+Floats = NDArray[np.float64]
+Colors = NDArray[np.uint8]
+
+_BODY = 0.032  # size of a sensor's body, of the diagonal of models and sensors together
+_FAR = 1e3  # depths beyond this many maxD are cut off in a sensor's own view
+_CLIP_NEAR = 1e-3  # of maxD
+_DIRECTIONS = 400  # that extreme points of a large mesh are looked for in
+_SMALL_MESH = 20_000  # vertices that need no such reduction
+_STANDS = 0.02  # share of the area that lacks an underside where things stand on a floor
+_OPPOSITE = 0.25  # cosine below which the first view shows a face too obliquely to judge it
+
+
+class Stage:
+    """One model at a time among obstacles and sensors; a context manager.
+
+    Parameters
+    ----------
+    study : Study
+        Models, obstacles, sensors, up.
+    camera_to_world : (S, 4, 4) float64
+        Poses of the sensors.
+    """
+
+    def __init__(self, study: Study, camera_to_world: ArrayLike) -> None:
+        self.study = study
+        self.poses = np.asarray(camera_to_world, dtype=float)
+        self.colors = sensor_colors(len(study.sensors))
+        self.origin = study.models[0].bounds.mean(axis=0)
+        self._obstacles = []
+        for obstacle in study.obstacles:
+            solid = Solid(obstacle.vertices, obstacle.faces, self.origin)
+            solid.paint(np.tile(OBSTACLE_COLOR, (obstacle.n_faces, 1)))
+            self._obstacles.append(solid)
+        vertices, faces, colors = sensor_bodies(
+            self.poses, study.sensors, self.colors, self.body_size
+        )
+        self._bodies = Solid(vertices, faces, self.origin)
+        self._bodies.paint(colors)
+        self._model: Solid | None = None
+        self._canvases: dict[tuple[int, int], Canvas] = {}
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for solid in (*self._solids(), self._bodies):
+            solid.release()
+        for canvas in self._canvases.values():
+            canvas.release()
+        self._canvases.clear()
+
+    @cached_property
+    def body_size(self) -> float:
+        """Size of a sensor's body, scene unit."""
+        corners = [model.bounds for model in self.study.models]
+        points = np.concatenate([*corners, self.poses[:, :3, 3]])
+        return _BODY * float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def show(self, index: int, seen_map: VisibilityMap) -> Seen:
+        """Put a model on the stage; return how it is seen."""
+        model = self.study.models[index]
+        if self._model is not None:
+            self._model.release()
+        self._model = Solid(model.vertices, model.faces, self.origin)
+        self.seen = Seen(
+            model,
+            seen_map,
+            self.study.sensors,
+            self.poses,
+            self.study.unit,
+            self.study.visibility.incidence == "axis",
+        )
+        self.close_points = extreme_points(model.vertices)
+        bodies = self.poses[:, None, :3, 3] + self.body_size * _CUBE
+        others = [extreme_points(obstacle.vertices) for obstacle in self.study.obstacles]
+        self.rig_points = np.concatenate([self.close_points, bodies.reshape(-1, 3), *others])
+        return self.seen
+
+    def paint(self, colors: Colors) -> None:
+        """Give the model's faces colours (F, 4)."""
+        if self._model is None:
+            raise ValueError("no model is on the stage")
+        self._model.paint(colors)
+
+    def views(self) -> dict[str, View]:
+        """Return perspective, top, front and side of the model on the stage."""
+        model = self.seen.model
+        return standard_views(
+            self.study.up, model.normals, model.areas, np.ptp(model.bounds, axis=0)
+        )
+
+    def other_side(self, view: View) -> View:
+        """Return the view in perspective that shows most of what another one does not."""
+        model, up = self.seen.model, self.study.up
+        toward = towards_eye(up, view.azimuth_deg, view.elevation_deg)
+        missed = model.areas * (model.normals @ toward < _OPPOSITE)
+        net = model.areas @ model.normals  # zero for a closed surface
+        best, best_score = view, -1e300
+        low = -abs(view.elevation_deg)
+        stands = net @ np.asarray(up) > _STANDS * model.areas.sum()
+        for turn in (180.0, 90.0, 270.0):  # the first of those that are about as good
+            for elevation in (-low,) if stands else (low, -low):
+                azimuth = (view.azimuth_deg + turn) % 360
+                back = towards_eye(up, azimuth, elevation)
+                # an open surface is not looked at from behind
+                behind = min(0.0, 2 * float(net @ back))
+                score = float(missed @ np.maximum(model.normals @ back, 0)) + behind
+                if score - best_score > 0.02 * abs(score):
+                    best, best_score = View("other side", azimuth, elevation, False), score
+        return best
+
+    def eye(self, view: View, size: tuple[int, int], *, with_rig: bool) -> Eye:
+        """Return the eye that fits the model, or model, obstacles and sensors, into a picture.
+
+        Parameters
+        ----------
+        view : View
+            Where from.
+        size : tuple of int
+            Pixels of the picture.
+        with_rig : bool
+            Whether the sensors and obstacles must be seen as well.
+        """
+        points = self.rig_points if with_rig else self.close_points
+        return fitted_eye(self.study.up, view, points, size[0] / size[1])
+
+    def sensor_eye(self, s: int) -> Eye:
+        """Return the eye of sensor ``s``: what it sees, as it sees it."""
+        sensor, pose = self.study.sensors[s], self.poses[s]
+        points = [part.vertices for part in (self.seen.model, *self.study.obstacles)]
+        depth = np.concatenate([(pose[:3, 3] - p) @ pose[:3, 2] for p in points])
+        reach = sensor.max_distance
+        far = float(np.clip(1.01 * depth.max(), reach, _FAR * reach))
+        near = float(np.clip(0.9 * depth.min(), _CLIP_NEAR * reach, 0.5 * far))
+        clip = projection_matrix(sensor.intrinsics.tan_half, near, far)
+        middle = (sensor.min_distance + sensor.max_distance) / 2
+        return Eye(pose, clip, pose[:3, 3] - middle * pose[:3, 2])
+
+    def picture(
+        self,
+        eye: Eye,
+        size: tuple[int, int],
+        *,
+        with_rig: bool = False,
+        with_frusta: bool = False,
+        pixel: float = 1.0,
+        relief: float = 1.0,
+    ) -> Colors:
+        """Return a picture (H, W, 3) uint8 of the painted model.
+
+        Parameters
+        ----------
+        eye : Eye
+            Where from.
+        size : tuple of int
+            Pixels (width, height).
+        with_rig, with_frusta : bool
+            Whether to draw the sensors, and their frusta.
+        pixel : float
+            Pixels that a line of width 1 is wide.
+        relief : float
+            As for ``Canvas.image``.
+        """
+        lines, solids = None, self._solids()
+        if with_rig:
+            ends, colors, widths = sensor_lines(
+                self.poses,
+                self.study.sensors,
+                self.colors,
+                self.body_size,
+                with_frusta=with_frusta,
+            )
+            lines = Lines(ends, colors, widths)
+            solids.append(self._bodies)
+        return self._canvas(size).image(
+            eye,
+            solids,
+            origin=self.origin,
+            up=self.study.up,
+            lines=lines,
+            relief=relief,
+            pixel=pixel,
+        )
+
+    def depth(self, eye: Eye, size: tuple[int, int]) -> tuple[NDArray[np.float32], int]:
+        """Return distances along the axis, and how many samples a pixel has along each side."""
+        canvas = self._canvas(size)
+        return canvas.depth(eye, self._solids(), origin=self.origin), canvas.samples
+
+    def _solids(self) -> list[Solid]:
+        return [*([self._model] if self._model else []), *self._obstacles]
+
+    def _canvas(self, size: tuple[int, int]) -> Canvas:
+        if size not in self._canvases:
+            self._canvases[size] = Canvas(size)
+        return self._canvases[size]
+
+
+_CUBE = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+
+
+def extreme_points(points: ArrayLike) -> Floats:
+    """Return points (N, 3) among those given that reach as far in every direction, nearly."""
+    p = np.asarray(points, dtype=float)
+    if len(p) <= _SMALL_MESH:
+        return p
+    k = np.arange(_DIRECTIONS)
+    z, turn = 1 - (2 * k + 1) / _DIRECTIONS, np.pi * (3 - 5**0.5) * k  # a Fibonacci sphere
+    r = np.sqrt(1 - z**2)
+    directions = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    return p[np.unique([int(np.argmax(p @ direction)) for direction in directions])]

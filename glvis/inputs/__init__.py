@@ -1,0 +1,1 @@
+"""What the user writes: study files, meshes, sensors, mounts; read, checked, ready to run."""

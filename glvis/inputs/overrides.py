@@ -1,0 +1,189 @@
+"""Values from the command line in place of the study file's, and the file as it was run.
+
+The user's comments and order stay: the text that a result keeps is the file with the few
+changed values written in.
+"""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+import tomlkit
+from tomlkit.items import Array as TomlArray
+
+from glvis.errors import StudyError
+from glvis.inputs.expressions import nearest
+from glvis.inputs.schema import StudyTable, catalogue, sensor_table
+
+# Values by the keys (and places in lists) that lead to them.
+Changes = dict[tuple[str | int, ...], Any]
+
+# Tables that a file may leave out and an override may open.
+_TABLES = ("scene", "visibility", "objective", "swarm", "search")
+
+
+def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Changes]:
+    """Return the tables of a study with some values replaced, and what was replaced.
+
+    Parameters
+    ----------
+    data : dict
+        The file as TOML reads it; left as it is.
+    overrides : sequence of str
+        "swarm.particles=100", "mount.A1.roll_deg.start=5", "sensor.d415.max_distance=400".
+        Mounts go by their name. Values are TOML, or else text as it stands.
+
+    Raises
+    ------
+    StudyError
+        If one has no "=", or leads to a table that is not there.
+    """
+    data = copy.deepcopy(data)
+    changes: Changes = {}
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        try:
+            if not equals:
+                raise StudyError("must have the form KEY=VALUE")
+            path = _path(key.strip(), data, changes)
+        except StudyError as error:
+            raise StudyError(f"override '{text}' {error}") from None
+        changes[path] = _value(value.strip())
+        _assign(data, path, changes[path])
+    return data, changes
+
+
+def written(source: str, changes: Changes) -> str:
+    """Return TOML text with some values replaced and all its comments kept."""
+    plain: dict[str, Any] = tomllib.loads(source)
+    for path, value in changes.items():
+        _assign(plain, path, value)
+    try:
+        document = tomlkit.parse(source)
+        for path, value in changes.items():
+            _assign(document, path, _item(path, value))
+        text = tomlkit.dumps(document)
+        if tomllib.loads(text) == plain:
+            return text
+    except ValueError:
+        pass
+    # tomlkit cannot edit every way of writing tables; then the values matter more than the
+    # comments.
+    return tomlkit.dumps(plain)
+
+
+def _value(text: str) -> Any:
+    """Return a value as TOML reads it, or the text itself."""
+    try:
+        found = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    return found["value"] if len(found) == 1 else text
+
+
+def _path(key: str, data: dict[str, Any], changes: Changes) -> tuple[str | int, ...]:
+    """Return the keys and list places that lead to a value; a missing table may be opened."""
+    parts = _parts(key)
+    if parts[0] not in StudyTable.model_fields:
+        raise StudyError(f"is unknown: there is no '{parts[0]}' in a study{_hint(parts[0])}")
+    path: list[str | int] = []
+    node: Any = data
+    for depth, part in enumerate(parts):
+        is_last = depth == len(parts) - 1
+        above = ".".join(map(str, parts[:depth]))
+        if isinstance(node, list):
+            place = _place(part, node, above)
+            path.append(place)
+            node = node[place]
+            continue
+        if not isinstance(node, dict):
+            raise StudyError(f"leads nowhere: '{above}' is no table")
+        path.append(part)
+        if part not in node:
+            if is_last and above != "variables":
+                break  # the schema knows which keys there are
+            if depth == 0 and part in _TABLES:
+                node[part] = {}
+            elif parts[0] == "sensor" and depth <= 1:
+                _open_sensor(parts, data, changes)
+            else:
+                known = nearest(part, node)
+                raise StudyError(f"is unknown: there is no '{part}' in {above or 'it'}{known}")
+        node = node[part]
+    return tuple(path)
+
+
+def _parts(key: str) -> list[str]:
+    """Return the names of a dotted key; a name with a dot in it stands in quotes."""
+    try:
+        node: Any = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:
+        raise StudyError(f"has no key that TOML could read: '{key}'") from None
+    parts = []
+    while isinstance(node, dict):
+        ((part, node),) = node.items()
+        parts.append(part)
+    return parts
+
+
+def _place(part: str, entries: list[Any], above: str) -> int:
+    """Return the place in a list, by name (of a mount) or by number from 0."""
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(entries):
+        return int(part)
+    known = [str(name) for name in names if name is not None]
+    choice = ", ".join(known) or f"0 to {len(entries) - 1}"
+    raise StudyError(f"is unknown: there is no '{part}' in {above}; there are {choice}")
+
+
+def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -> None:
+    """Write a catalogue sensor into the study, so that one of its values can be changed."""
+    sensors = data.setdefault("sensor", {})
+    if len(parts) < 2 or parts[1] in sensors:
+        return
+    unit = data.get("unit", "mm")
+    known = catalogue(unit) if isinstance(unit, str) else {}
+    if parts[1] not in known:
+        names = ", ".join([*sensors, *(name for name in known if name not in sensors)])
+        raise StudyError(f"is unknown: there is no sensor '{parts[1]}'; there are {names}")
+    sensors[parts[1]] = sensor_table(known[parts[1]])
+    changes["sensor", parts[1]] = dict(sensors[parts[1]])
+
+
+def _hint(name: str) -> str:
+    return nearest(name, StudyTable.model_fields)
+
+
+def _item(path: Sequence[str | int], value: Any) -> Any:
+    """Return a value as tomlkit is to write it."""
+    if isinstance(value, dict) and path[0] == "sensor":
+        table = tomlkit.table()
+        table.update(value)
+        table.add(tomlkit.nl())
+        return table
+    item = tomlkit.value(_one_line(value))
+    if isinstance(item, TomlArray) and sum(len(str(entry)) for entry in item) > 80:
+        item.multiline(True)
+    return item
+
+
+def _one_line(value: Any) -> str:
+    """Return a value in TOML, tables in braces."""
+    if not isinstance(value, dict):
+        return tomlkit.item(value).as_string()
+    pairs = (f"{tomlkit.key(key).as_string()} = {_one_line(v)}" for key, v in value.items())
+    return "{ " + ", ".join(pairs) + " }"
+
+
+def _assign(node: Any, path: Sequence[str | int], value: Any) -> None:
+    """Set a value in nested tables, of plain dicts or of tomlkit."""
+    for part in path[:-1]:
+        if isinstance(node, dict) and part not in node:
+            node[part] = {}
+        node = node[part]
+    node[path[-1]] = copy.deepcopy(value)

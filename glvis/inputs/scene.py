@@ -1,0 +1,372 @@
+"""Triangle meshes as they come from files: what there is to see, and what hides it.
+
+A model keeps the faces of its file, all of them and in their order, because visibility maps
+are indexed by them. The only module that talks to trimesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glvis.inputs.meshfiles import fans, read_obj, read_off, read_stl
+
+SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
+
+_FARTHEST = 1e12  # scene units; a file with larger numbers is broken
+
+# Odd numbers that spread the bits of a coordinate over a word; any others would do.
+_MIX = tuple(
+    np.uint64(factor)
+    for factor in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB, 0xD6E8FEB86659FD93)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A triangle mesh in the world frame, lengths in the study's unit.
+
+    Attributes
+    ----------
+    name : str
+        Stem of the file.
+    path : Path or None
+        Where it came from.
+    vertices : (V, 3) float64
+        Bitwise identical vertices of the file are one here; none is unused.
+    faces : (F, 3) int32
+        Indices into ``vertices``, in the order of the file. Faces without area are kept.
+    """
+
+    name: str
+    vertices: NDArray[np.float64] = field(repr=False)
+    faces: NDArray[np.int32] = field(repr=False)
+    path: Path | None = None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        name: str,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        path: Path | None = None,
+        scale: float = 1.0,
+    ) -> Model:
+        """Return a model of vertices (V, 3) and faces (F, 3), merged and checked.
+
+        Parameters
+        ----------
+        name : str
+            As reports call it.
+        vertices : (V, 3) float
+            In the world frame. They are merged where bitwise identical, before scaling.
+        faces : (F, 3) int
+            Indices into ``vertices``, counter-clockwise seen from outside.
+        path : Path, optional
+            Where it came from.
+        scale : float
+            Factor on the vertices, > 0.
+
+        Raises
+        ------
+        ValueError
+            If there is no face, an index points nowhere, a vertex is not finite, or no face
+            has any area.
+        """
+        points, corners = np.asarray(vertices), np.asarray(faces)
+        if corners.size == 0:
+            raise ValueError("has no faces")
+        if points.ndim != 2 or points.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3:
+            raise ValueError(
+                f"needs vertices (V, 3) and faces (F, 3), got {points.shape} and {corners.shape}"
+            )
+        if corners.dtype.kind not in "iu":
+            raise ValueError(f"faces must be whole numbers, got {corners.dtype}")
+        _check_indices(corners, len(points))
+        if not (np.isfinite(scale) and scale > 0):
+            raise ValueError(f"scale = {scale:g} must be greater than 0")
+        if points.dtype not in (np.float32, np.float64):
+            points = points.astype(np.float64)
+        _check_sane(points, corners, _FARTHEST / scale)
+        merged, merged_faces = _merged(points, corners)
+        merged = merged.astype(np.float64) * scale
+        model = cls(name, _read_only(merged), _read_only(merged_faces), path)
+        if not model.areas.any():
+            raise ValueError(f"has {model.n_faces} faces and none of them has any area")
+        return model
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces of the file, those without area included."""
+        return len(self.faces)
+
+    @cached_property
+    def _doubled(self) -> NDArray[np.float64]:
+        """Cross products (F, 3) of two edges: twice the area along the normal."""
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        b -= a
+        c -= a
+        return _read_only(np.cross(b, c))
+
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """Area of each face, (F,) float64, scene unit squared."""
+        return _read_only(np.linalg.norm(self._doubled, axis=1) / 2)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normal of each face from its winding, (F, 3) float64; 0 where it has no area."""
+        length = 2 * self.areas[:, None]
+        return _read_only(
+            np.divide(self._doubled, length, out=np.zeros_like(self._doubled), where=length > 0)
+        )
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centre of mass of each face, (F, 3) float64."""
+        total = np.zeros((self.n_faces, 3))
+        for i in range(3):
+            total += self.vertices[self.faces[:, i]]
+        return _read_only(total / 3)
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """Lower and upper corner of the axis-aligned box, (2, 3) float64."""
+        return _read_only(np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]))
+
+    @cached_property
+    def mean_edge(self) -> float:
+        """Mean length of the sides of the faces, scene unit."""
+        total = 0.0
+        for i in range(3):
+            side = self.vertices[self.faces[:, i]] - self.vertices[self.faces[:, i - 1]]
+            total += float(np.linalg.norm(side, axis=1).sum())
+        return total / (3 * self.n_faces)
+
+    @cached_property
+    def _edges(self) -> tuple[int, int, int]:
+        """Numbers of edges with one face, with more than two, and walked twice one way."""
+        start = self.faces.astype(np.int64).ravel()
+        end = np.roll(self.faces, -1, axis=1).astype(np.int64).ravel()
+        proper = start != end  # a face that repeats a vertex has a side that is no edge
+        start, end = start[proper], end[proper]
+        n = len(self.vertices)
+        forward = start < end
+        undirected = np.where(forward, start * n + end, end * n + start)
+        # One sort tells all: the last bit is the direction the edge is walked in.
+        keys = np.sort(2 * undirected + forward)
+        twice_one_way = int(np.count_nonzero(keys[1:] == keys[:-1]))
+        keys >>= 1
+        first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+        faces_per_edge = np.diff(np.append(first, len(keys)))
+        single = int(np.count_nonzero(faces_per_edge == 1))
+        return single, int(np.count_nonzero(faces_per_edge > 2)), twice_one_way
+
+    @property
+    def boundary_edges(self) -> int:
+        """Number of edges that belong to one face only."""
+        return self._edges[0]
+
+    @property
+    def inconsistent_edges(self) -> int:
+        """Number of edges that two faces walk in the same direction."""
+        return self._edges[2]
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether every edge has exactly two faces."""
+        return self.boundary_edges == 0 and self._edges[1] == 0
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether no edge is walked twice in the same direction, so that normals agree."""
+        return self.inconsistent_edges == 0
+
+
+def load_model(path: str | Path, scale: float = 1.0) -> Model:
+    """Return the mesh in a file; several geometries become one, in the order of the file.
+
+    Parameters
+    ----------
+    path : str or Path
+        STL (binary or ASCII), OBJ, PLY, OFF, GLB or 3MF.
+    scale : float
+        Factor on the vertices, for files in another unit than the study.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, is no mesh, is cut short, or holds a mesh that has nothing to
+        see. The message is the bare fact and does not repeat the path.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    try:
+        if not path.exists():
+            raise ValueError("does not exist")
+        if not path.is_file():
+            raise ValueError("is not a file")
+        if suffix not in SUFFIXES:
+            known = ", ".join(SUFFIXES)
+            raise ValueError(f"has the suffix '{path.suffix}'; meshes can be read from {known}")
+        if path.stat().st_size == 0:
+            raise ValueError("is empty")
+        vertices, faces = _READERS.get(suffix, _read_by_trimesh)(path)
+    except OSError as error:
+        raise ValueError(f"cannot be read: {error.strerror or error}") from error
+    except MemoryError:
+        raise ValueError("is larger than the memory of this machine") from None
+    return Model.from_arrays(path.stem, vertices, faces, path=path, scale=scale)
+
+
+def _read_stl(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the corners of an STL as vertices, three a face."""
+    vertices = read_stl(path).reshape(-1, 3)
+    return vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+
+
+_READERS: dict[str, Callable[[Path], tuple[NDArray[Any], NDArray[Any]]]] = {
+    ".stl": _read_stl,
+    ".obj": read_obj,
+    ".off": read_off,
+}
+
+
+def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return vertices and faces of every geometry of a file, placed by its transforms."""
+    # half a second to import, and STL, OBJ and OFF do without
+    import trimesh  # noqa: TID251
+
+    kind = path.suffix[1:].upper()
+    try:
+        loaded = trimesh.load_scene(
+            path, file_type=kind.lower(), process=False, skip_materials=True, fix_texture=False
+        )
+        in_file = list(loaded.geometry)  # the scene graph has an order of its own
+        parts = sorted(
+            (part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)),
+            key=lambda part: in_file.index(part.metadata["name"]),
+        )
+    except OSError:
+        raise
+    except ImportError as error:
+        raise ValueError(f"cannot be read as {kind}: {error}; pip install 'glvis[mesh]'") from error
+    except Exception as error:  # each of trimesh's readers fails in its own way
+        raise ValueError(f"cannot be read as {kind}: {_first_line(error)}") from error
+    if not parts:
+        raise ValueError("has no faces")
+    vertices, faces, n = [], [], 0
+    for part in parts:
+        corners = _faces_in_order(part)
+        _check_indices(corners, len(part.vertices))
+        vertices.append(np.asarray(part.vertices))
+        faces.append(corners + n)
+        n += len(part.vertices)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _faces_in_order(part: Any) -> NDArray[np.int64]:
+    """Return the triangles of a part; where PLY has polygons, trimesh shuffles them."""
+    raw = part.metadata.get("_ply_raw", {}).get("face", {}).get("data")
+    if isinstance(raw, dict):
+        raw = next((raw[key] for key in ("vertex_indices", "vertex_index") if key in raw), None)
+    elif raw is not None and raw.dtype.names:
+        names = raw.dtype.names
+        key = next((n for n in names if n in ("vertex_indices", "vertex_index")), names[0])
+        raw = raw[key]["f1"]
+    if raw is None or (isinstance(raw, np.ndarray) and raw.ndim == 2 and raw.shape[1] == 3):
+        return np.asarray(part.faces, dtype=np.int64)
+    return fans([[int(corner) for corner in polygon] for polygon in raw])
+
+
+def _first_line(error: Exception) -> str:
+    """Return the first line of a foreign error, or its type where it says nothing."""
+    return next(iter(str(error).splitlines()), "") or type(error).__name__
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    array.flags.writeable = False
+    return array
+
+
+def _check_indices(faces: NDArray[Any], n_vertices: int) -> None:
+    """Refuse faces that point at vertices that are not there."""
+    if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
+        bad = int(np.flatnonzero(((faces < 0) | (faces >= n_vertices)).any(axis=1))[0])
+        raise ValueError(
+            f"has a face {bad} of vertices {faces[bad].tolist()}, but only {n_vertices} vertices"
+        )
+
+
+def _check_sane(vertices: NDArray[Any], faces: NDArray[Any], limit: float) -> None:
+    """Refuse vertices that are not numbers or absurdly far, by the first face that has one."""
+    is_sane = (np.abs(vertices) <= limit).all(axis=1)  # NaN is not
+    if is_sane.all():
+        return
+    is_bad = ~is_sane[faces]
+    bad = np.flatnonzero(is_bad.any(axis=1))
+    if len(bad):
+        face = bad[0]
+        point = ", ".join(f"{value:g}" for value in vertices[faces[face][is_bad[face]][0]])
+        raise ValueError(
+            f"has impossible vertices in {len(bad)} of {len(faces)} faces: face {face} at ({point})"
+        )
+
+
+def _merged(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """Return vertices and faces with bitwise identical vertices merged, unused ones dropped.
+
+    Kept vertices stay in the order of their first appearance, so a mesh that repeats none
+    keeps its numbers.
+    """
+    is_used = np.zeros(len(vertices), dtype=bool)
+    is_used[faces] = True
+    # Most files use all they have; adding 0 makes -0.0 the same bits as 0.0.
+    points = (vertices if is_used.all() else vertices[is_used]) + vertices.dtype.type(0)
+    first = _first_of_each(points)
+    is_kept = first == np.arange(len(points))
+    number = (np.cumsum(is_kept, dtype=np.int32) - np.int32(1))[first]
+    if len(points) < len(vertices):
+        number = number[np.cumsum(is_used) - 1]
+    return points[is_kept], number[faces]
+
+
+def _first_of_each(points: NDArray[Any]) -> NDArray[np.int32]:
+    """Return, for each point (V, 3), the first index that holds the same point, (V,).
+
+    A hash table with a slot a point: all copies of a point fall into one slot, and the first
+    point there takes it. Who finds another point in its slot tries again among the losers with
+    another hash. No sort, so 12 million corners take seconds; always exact.
+    """
+    bits = max(4, len(points).bit_length())
+    table = np.zeros(1 << bits, dtype=np.int32)
+    first = np.zeros(len(points), dtype=np.int32)
+    left: NDArray[np.int32] = np.arange(len(points), dtype=np.int32)
+    left_points, turn = points, 0
+    while len(left):
+        slot = _hashes(left_points, turn, bits)
+        table[slot[::-1]] = left[::-1]  # of many that write, the last one stays
+        winner = table[slot]
+        is_same = (points[winner] == left_points).all(axis=1)
+        first[left[is_same]] = winner[is_same]
+        left, left_points, turn = left[~is_same], left_points[~is_same], turn + 1
+    return first
+
+
+def _hashes(points: NDArray[Any], turn: int, bits: int) -> NDArray[np.int64]:
+    """Return a number of so many bits for each point, equal for equal points, another each turn."""
+    words: NDArray[Any] = points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
+    key = np.full(len(points), turn, dtype=np.uint64)
+    for column, factor in zip(words.T, _MIX, strict=False):
+        key += column.astype(np.uint64)
+        key *= factor
+        key ^= key >> np.uint64(29)
+    key *= _MIX[3]
+    return (key >> np.uint64(64 - bits)).astype(np.int64)

@@ -1,0 +1,168 @@
+"""The whole state of a search in one file, so that no more than an iteration is ever lost.
+
+A file is written beside the old one and takes its place in one step: at any moment there is a
+whole one. It holds arrays and JSON, no pickles, and says for which study it was made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.errors import MachineError, StudyError
+from glvis.inputs.study import Study
+
+VERSION = 1
+_SEARCH = "search."  # before the names of the search's own arrays
+# What may change without another search: words for people, and where the meshes lie (they are
+# compared themselves).
+_FREE = ("title", "scene.models", "scene.obstacles")
+_NOTHING = "nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """A search between two iterations.
+
+    Attributes
+    ----------
+    identity : dict
+        What must not change in between; see ``identity_of``.
+    search : dict of str to ndarray
+        State of the search method.
+    known_poses : (K, 16) uint8
+        Poses whose maps have been counted; see ``Evaluator.known_poses``.
+    run : dict
+        JSON of whoever runs the search: trace, seconds, counters.
+    """
+
+    identity: dict[str, Any]
+    search: dict[str, NDArray[Any]]
+    known_poses: NDArray[np.uint8]
+    run: dict[str, Any]
+
+
+def identity_of(study: Study) -> dict[str, Any]:
+    """Return what of a study a search depends on: its text, its meshes, the order of columns."""
+    return {
+        "study": study.text,
+        "variables": [variable.name for variable in study.variables],
+        "meshes": {
+            model.name: hashlib.sha256(model.vertices.tobytes() + model.faces.tobytes()).hexdigest()
+            for model in (*study.models, *study.obstacles)
+        },
+    }
+
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint; until it is whole, the one before stays.
+
+    Raises
+    ------
+    MachineError
+        If it cannot be written.
+    """
+    head = {"version": VERSION, "identity": checkpoint.identity, "run": checkpoint.run}
+    arrays = {_SEARCH + name: array for name, array in checkpoint.search.items()}
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("wb") as file:
+            np.savez(
+                file,
+                allow_pickle=False,
+                head=np.array(json.dumps(head)),
+                known_poses=checkpoint.known_poses,
+                **arrays,
+            )
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def read_checkpoint(path: Path, study: Study) -> Checkpoint:
+    """Return the checkpoint in a file, made for this study.
+
+    Raises
+    ------
+    StudyError
+        If there is none, it cannot be read, or the study has changed since: what, from what,
+        to what.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+            arrays = {name: content[name] for name in content.files}
+        head = json.loads(str(arrays["head"]))
+        version = head["version"]
+    except FileNotFoundError:
+        raise StudyError(f"{path}: there is no checkpoint to go on from") from None
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile):
+        raise StudyError(f"{path}: is no checkpoint of glvis") from None
+    if version != VERSION:
+        raise StudyError(
+            f"{path}: is a checkpoint of version {version}; this glvis reads version {VERSION}"
+        )
+    change = next(_changes(head["identity"], identity_of(study)), None)
+    if change:
+        raise StudyError(f"{path}: the study has changed since: {change}")
+    search = {
+        name.removeprefix(_SEARCH): array
+        for name, array in arrays.items()
+        if name.startswith(_SEARCH)
+    }
+    return Checkpoint(head["identity"], search, arrays["known_poses"], head["run"])
+
+
+def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield in words what differs between two identities."""
+    old, new = (_flat(tomllib.loads(identity["study"])) for identity in (then, now))
+    for key in dict.fromkeys([*old, *new]):
+        before, after = old.get(key, _NOTHING), new.get(key, _NOTHING)
+        if before != after and not key.startswith(_FREE):
+            yield f"{key}: {before} -> {after}"
+    if then["variables"] != now["variables"]:
+        names = (", ".join(identity["variables"]) for identity in (then, now))
+        yield "order of variables: " + " -> ".join(names)
+    if list(then["meshes"]) != list(now["meshes"]):
+        names = (", ".join(identity["meshes"]) for identity in (then, now))
+        yield "meshes: " + " -> ".join(names)
+    for name, digest in then["meshes"].items():
+        if now["meshes"].get(name) != digest:
+            yield f"mesh {name}: other vertices or faces than before"
+
+
+def _flat(table: Any, above: str = "") -> dict[str, str]:
+    """Return the values of nested tables by dotted key, as JSON; mounts go by their names."""
+    if isinstance(table, dict):
+        entries = list(table.items())
+    elif isinstance(table, list) and table and all(isinstance(entry, dict) for entry in table):
+        entries = [(entry.get("name", place), entry) for place, entry in enumerate(table)]
+    else:
+        return {above: json.dumps(table, ensure_ascii=False)}
+    flat: dict[str, str] = {}
+    for key, value in entries:
+        flat |= _flat(value, f"{above}.{key}" if above else str(key))
+    return flat
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a rename last over a loss of power."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,289 @@
+"""The main job: a study's search runs to its end, and the best poses come back with their maps.
+
+Joins evaluator and search; knows neither files of results nor a terminal.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glvis.inputs.study import Study
+from glvis.optim.checkpoint import read_checkpoint
+from glvis.optim.evaluator import Evaluator
+from glvis.optim.run import Progress, Run
+from glvis.optim.search import TraceRow
+from glvis.optim.workers import Workers
+from glvis.sight.context import GlInfo
+from glvis.sight.maps import MapScene
+from glvis.sight.visibility import VisibilityMap
+
+__all__ = ["Placement", "Progress", "TraceRow", "evaluate_poses", "place_sensors"]
+
+Floats = NDArray[np.float64]
+
+ONLY_EVALUATED = "evaluated only"
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Poses of all sensors, what they see, and how they were found.
+
+    Attributes
+    ----------
+    study : Study
+        What was asked.
+    position : (D,) float64
+        Values of the variables, in the units of the study file.
+    camera_to_world : (S, 4, 4) float64
+        Poses.
+    maps : tuple of VisibilityMap
+        One a model.
+    value : float
+        Of the objective over all models; larger is better.
+    values_by_model : (M,) float64
+        Of the objective on each model.
+    start_value : float
+        Of the study's start, put into the bounds.
+    trace : tuple of TraceRow
+        One row an iteration; empty where nothing was searched.
+    stop_reason : str
+        Why the search ended, in words, or "evaluated only".
+    seed : int
+        Of the search.
+    seconds : float
+        That the run took, parts before a resume included.
+    evaluations, maps_rendered : int
+        Positions evaluated; maps made for them.
+    gl : GlInfo
+        Who drew.
+    workers : int
+        Processes that drew.
+    warnings : tuple of str
+        What went wrong without harm to the result, such as a worker that was replaced.
+    """
+
+    study: Study
+    position: Floats
+    camera_to_world: Floats
+    maps: tuple[VisibilityMap, ...]
+    value: float
+    values_by_model: Floats
+    start_value: float
+    trace: tuple[TraceRow, ...]
+    stop_reason: str
+    seed: int
+    seconds: float
+    evaluations: int
+    maps_rendered: int
+    gl: GlInfo
+    workers: int = 1
+    warnings: tuple[str, ...] = ()
+
+
+def evaluate_poses(
+    study: Study,
+    camera_to_world: ArrayLike | None = None,
+    *,
+    position: ArrayLike | None = None,
+) -> Placement:
+    """Return what given poses see; nothing is searched.
+
+    Parameters
+    ----------
+    study : Study
+        Scene, sensors and objective.
+    camera_to_world : (S, 4, 4) float, optional
+        Poses; without them those of ``position``.
+    position : (D,) float, optional
+        Values of the variables; without it the study's start.
+
+    Raises
+    ------
+    ValueError
+        If poses or position have a wrong shape or are not finite.
+    MachineError
+        Where there is no OpenGL.
+    """
+    started = time.monotonic()
+    x = np.array(study.rig.start if position is None else position, dtype=float)
+    poses = study.rig.poses(x) if camera_to_world is None else np.array(camera_to_world, float)
+    expected = (len(study.sensor_names), 4, 4)
+    if poses.shape != expected or not np.isfinite(poses).all():
+        raise ValueError(f"poses must be finite and of shape {expected}, got {poses.shape}")
+    with _evaluator(study) as evaluator:
+        maps, by_model, value = _seen(evaluator, poses)
+        return Placement(
+            study=study,
+            position=x,
+            camera_to_world=poses,
+            maps=maps,
+            value=value,
+            values_by_model=by_model,
+            start_value=value,
+            trace=(),
+            stop_reason=ONLY_EVALUATED,
+            seed=study.swarm.seed,
+            seconds=time.monotonic() - started,
+            evaluations=1,
+            maps_rendered=evaluator.maps_rendered,
+            gl=evaluator.gl,
+        )
+
+
+def place_sensors(
+    study: Study,
+    *,
+    workers: int = 1,
+    on_iteration: Callable[[Progress], None] | None = None,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    extend: int = 0,
+) -> Placement:
+    """Return the best poses that the study's search finds; a study without variables is evaluated.
+
+    Ctrl-C and SIGTERM end the search well: what is being evaluated is dropped, and the best so
+    far comes back, never worse than the start. A second Ctrl-C raises KeyboardInterrupt.
+
+    Parameters
+    ----------
+    study : Study
+        What is searched and how.
+    workers : int
+        Processes that render; the result is the same for any number.
+    on_iteration : callable, optional
+        Is told the Progress after each iteration.
+    checkpoint : Path, optional
+        File that the state of the search is written to after each iteration.
+    resume : bool
+        Go on from ``checkpoint``; the numbers are those of a run that was never broken off.
+    extend : int
+        Iterations to add, with ``resume``.
+
+    Raises
+    ------
+    ValueError
+        If ``workers`` is less than 1, or ``resume`` or ``extend`` miss what they need.
+    StudyError
+        If there is nothing to resume, or the study has changed since.
+    MachineError
+        Where there is no OpenGL, workers die again and again, or the checkpoint cannot be
+        written.
+    """
+    if resume and checkpoint is None:
+        raise ValueError("resume needs a checkpoint")
+    if extend and not resume:
+        raise ValueError("extend needs resume")
+    if workers < 1:
+        raise ValueError(f"workers = {workers} must be at least 1")
+    if not study.variables:
+        return evaluate_poses(study)
+    saved = read_checkpoint(checkpoint, study) if checkpoint and resume else None
+    with _interruptions() as interrupted, _evaluator(study, workers) as evaluator:
+        run = Run(study, evaluator, checkpoint, saved)
+        if extend:
+            run.search.extend(extend)
+        try:
+            run.save()
+            run.keep_to_budget()
+            while run.search.stop_reason is None:
+                if not run.iterate(interrupted):
+                    run.search.stop(f"interrupted: {interrupted[0]}")
+                    break
+                run.save()
+                run.keep_to_budget()
+                if on_iteration:
+                    on_iteration(run.progress())
+        except KeyboardInterrupt:  # whoever else raised it means the same
+            if interrupted:
+                raise
+            run.search.stop("interrupted: Ctrl-C")
+        x, poses = run.best_position, study.rig.poses(run.best_position)
+        counted = run.evaluations, evaluator.maps_rendered
+        maps, by_model, value = _seen(evaluator, poses)
+        return Placement(
+            study=study,
+            position=x,
+            camera_to_world=poses,
+            maps=maps,
+            value=value,
+            values_by_model=by_model,
+            start_value=run.start_value,
+            trace=tuple(run.trace),
+            stop_reason=run.search.stop_reason or "",
+            seed=study.swarm.seed,
+            seconds=run.seconds(),
+            evaluations=counted[0],
+            maps_rendered=counted[1],
+            gl=evaluator.gl,
+            workers=workers,
+            warnings=tuple(run.warnings),
+        )
+
+
+def _evaluator(study: Study, workers: int = 1) -> Evaluator:
+    """Return an evaluator; where the CPU draws in this process, it does so in this thread.
+
+    llvmpipe's own threads cost more than they give on images of this size; the user's word
+    on them holds. The variable is read when the context is made.
+    """
+    if workers != 1:
+        return Evaluator(study, maps=Workers(MapScene.of(study), workers))
+    name = "LP_NUM_THREADS"
+    if name in os.environ:
+        return Evaluator(study)
+    os.environ[name] = "0"
+    try:
+        return Evaluator(study)
+    finally:
+        del os.environ[name]
+
+
+def _seen(evaluator: Evaluator, poses: Floats) -> tuple[tuple[VisibilityMap, ...], Floats, float]:
+    """Return maps, values by model (M,) and the value of one set of poses (S, 4, 4)."""
+    study = evaluator.study
+    maps = tuple(evaluator.visibility_of_poses(poses))
+    by_model = np.array(
+        [
+            study.objective.terms(found.counts, model.areas)["value"]
+            for found, model in zip(maps, study.models, strict=True)
+        ]
+    )
+    return maps, by_model, float(study.objective.aggregated(by_model))
+
+
+@contextmanager
+def _interruptions() -> Iterator[list[str]]:
+    """Collect the names of Ctrl-C and SIGTERM instead of dying of them.
+
+    Only the main thread may ask for that; elsewhere, and for Ctrl-C where its handler is not
+    Python's own, all stays as it was.
+    """
+    names: list[str] = []
+    before: dict[int, Any] = {}
+
+    def note(number: int, frame: object) -> None:
+        names.append("Ctrl-C" if number == signal.SIGINT else "SIGTERM")
+        if number == signal.SIGINT:
+            signal.signal(number, signal.default_int_handler)  # the second one is meant
+
+    if threading.current_thread() is threading.main_thread():
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            before[signal.SIGINT] = signal.signal(signal.SIGINT, note)
+        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            before[signal.SIGTERM] = signal.signal(signal.SIGTERM, note)
+    try:
+        yield names
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

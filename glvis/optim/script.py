@@ -1,0 +1,274 @@
+"""Search methods written as scripts: generators that yield positions and are sent their values.
+
+A script is a plain account of what is tried in which order. It goes on after a break by being
+told again what it was told before: with the same seed it asks for the same positions, and no
+map is rendered for that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glvis.errors import StudyError
+from glvis.optim.box import Box
+from glvis.optim.swarm_options import SwarmOptions
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Ask:
+    """Positions to evaluate.
+
+    Attributes
+    ----------
+    positions : (P, D) float64
+        In the units of the study file.
+    cost : int
+        The most maps that this may render.
+    method : str
+        For the trace.
+    sensors : tuple of int, optional
+        Who looks; None means all.
+    """
+
+    positions: Floats
+    cost: int
+    method: str
+    sensors: tuple[int, ...] | None = None
+
+
+Script = Generator[Ask, Floats, Any]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Variables that are moved together.
+
+    Attributes
+    ----------
+    columns : tuple of int
+        Of a position.
+    sensors : tuple of int
+        All that they move.
+    """
+
+    columns: tuple[int, ...]
+    sensors: tuple[int, ...]
+
+
+@dataclass(eq=False)
+class Problem:
+    """What a script may know: the box, who is moved by what, and what may be spent.
+
+    Attributes
+    ----------
+    box : Box
+        All positions.
+    start : (D,) float64
+        The study's start, in the box.
+    moved_by : tuple of frozenset of int
+        Columns that move each of the S sensors.
+    models : int
+        M, maps that a new pose of a sensor costs.
+    max_maps : int
+        Maps that may be rendered.
+    most_poses : int
+        Poses whose maps are kept.
+    views : callable
+        Returns for a position (D,) what tells poses of the S sensors apart; equals see the same.
+    rng : Generator
+        The one source of chance.
+    swarm : SwarmOptions
+        Of the study.
+    maps_rendered : int
+        Spent so far; kept up by `ScriptSearch`.
+    """
+
+    box: Box
+    start: Floats
+    moved_by: tuple[frozenset[int], ...]
+    models: int
+    max_maps: int
+    most_poses: int
+    views: Callable[[Floats], Sequence[object]]
+    rng: np.random.Generator
+    swarm: SwarmOptions = field(default_factory=SwarmOptions)
+    maps_rendered: int = field(default=0)
+
+    @property
+    def blocks(self) -> list[Block]:
+        """For each set of sensors that some variable moves: the variables that move no others.
+
+        The pose of a mount that shares a height with others is one block without the height,
+        and all that share it are another with it.
+        """
+        moves = [
+            frozenset(s for s, columns in enumerate(self.moved_by) if column in columns)
+            for column in range(len(self.box))
+        ]
+        return [
+            Block(
+                tuple(c for c, moved in enumerate(moves) if moved <= sensors),
+                tuple(sorted(sensors)),
+            )
+            for sensors in sorted(dict.fromkeys(moves), key=lambda moved: (len(moved), min(moved)))
+        ]
+
+    def left(self) -> int:
+        """Return the maps that may still be rendered."""
+        return self.max_maps - self.maps_rendered
+
+    def ask(
+        self,
+        positions: Floats,
+        moved: Sequence[int],
+        method: str,
+        sensors: tuple[int, ...] | None = None,
+    ) -> Ask:
+        """Return an ask whose positions move only some sensors away from poses met before."""
+        return Ask(positions, len(positions) * len(moved) * self.models, method, sensors)
+
+
+class ScriptSearch:
+    """A script as a search method; see ``search.Search``.
+
+    Parameters
+    ----------
+    write : callable
+        Returns the script of a problem.
+    problem : Problem
+        Fresh, for this search alone.
+    """
+
+    def __init__(self, write: Callable[[Problem], Script], problem: Problem) -> None:
+        self._problem = problem
+        self._script = write(problem)
+        self.best_x = problem.start.copy()
+        self.best_value = -math.inf
+        self.iteration = -1
+        self.stop_reason: str | None = None
+        self.method = ""
+        self.sensors: Sequence[int] | None = None
+        self.inertia, self.neighbours = 0.0, 0
+        self._beyond = -1  # iterations allowed whatever they cost
+        self._told: list[Floats] = []
+        self._maps: list[int] = []
+        self._digest = hashlib.sha256()  # of all positions asked for
+        self._next: Ask | None = None
+        self._advance(None)
+
+    @property
+    def iterations(self) -> int:
+        """The most iterations there can be, at the cost of those so far."""
+        spent = max(1, self._problem.maps_rendered)
+        guess = math.ceil((self.iteration + 1) * self._problem.max_maps / spent) - 1
+        return max(self.iteration, guess, self._beyond)
+
+    def ask(self) -> Floats:
+        """Return the positions (P, D) to evaluate next.
+
+        Raises
+        ------
+        ValueError
+            When the search has ended.
+        """
+        if self._next is None or self.stop_reason is not None:
+            raise ValueError(f"the search has ended: {self.stop_reason}")
+        self.method, self.sensors = self._next.method, self._next.sensors
+        return self._next.positions.copy()
+
+    def tell(self, values: ArrayLike, maps_rendered: int) -> None:
+        """Take the values (P,) of the positions asked for last; NaN counts as -inf.
+
+        Raises
+        ------
+        ValueError
+            If the shape is wrong.
+        """
+        ask = self._next
+        v = np.asarray(values, dtype=float)
+        if ask is None or v.shape != (len(ask.positions),):
+            raise ValueError(f"values of shape {v.shape} are not those of what was asked for")
+        v = np.where(np.isnan(v), -math.inf, v)
+        self._told.append(v)
+        self._maps.append(maps_rendered)
+        self._problem.maps_rendered = maps_rendered
+        self.iteration += 1
+        if ask.sensors is None and v.max() > self.best_value:
+            self.best_value = float(v.max())
+            self.best_x = ask.positions[v.argmax()].copy()
+        self._advance(v)
+
+    def stop(self, reason: str) -> None:
+        """End from outside; the first reason given stays."""
+        self.stop_reason = self.stop_reason or reason
+
+    def extend(self, iterations: int) -> None:
+        """Allow this many iterations more, whatever they cost."""
+        if iterations < 1:
+            raise ValueError(f"iterations = {iterations} to add must be at least 1")
+        self._beyond = self.iteration + iterations
+        self.stop_reason = self._rule_that_stops()
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return what was told, from which all else follows."""
+        head = {"beyond": self._beyond, "digest": self._digest.hexdigest()}
+        return {
+            "values": np.concatenate([np.zeros(0), *self._told]),
+            "maps": np.array(self._maps, dtype=np.int64),
+            "json": np.array(json.dumps(head)),
+        }
+
+    def go_on(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Tell a fresh search what was told before.
+
+        Raises
+        ------
+        StudyError
+            If it would have asked for something else: another version of glvis or NumPy.
+        """
+        head = json.loads(str(state["json"]))
+        values, first = state["values"], 0
+        for maps in state["maps"].tolist():
+            if self._next is None:
+                break
+            n = len(self._next.positions)
+            self.tell(values[first : first + n], maps)
+            first += n
+        if first != len(values) or self._digest.hexdigest() != head["digest"]:
+            raise StudyError(
+                "the search cannot go on: this version of glvis or NumPy would have searched "
+                "in another way"
+            )
+        self._beyond = head["beyond"]
+        self.stop_reason = self._rule_that_stops()
+
+    def _advance(self, values: Floats | None) -> None:
+        try:
+            self._next = next(self._script) if values is None else self._script.send(values)
+        except StopIteration as end:
+            self._next = None
+            self.stop_reason = self.stop_reason or f"finished: {end.value}"
+            return
+        self._digest.update(self._next.positions.tobytes())
+        self.stop_reason = self.stop_reason or self._rule_that_stops()
+
+    def _rule_that_stops(self) -> str | None:
+        """Return in words why no more may be asked, if so."""
+        if self._next is None:
+            return self.stop_reason
+        if self.iteration < self._beyond:
+            return None
+        spent, most = self._problem.maps_rendered, self._problem.max_maps
+        if spent + self._next.cost > most:
+            return f"finished: {spent} of {most} maps are rendered"
+        return None

@@ -1,0 +1,182 @@
+"""What every search method can do: ask for positions, be told their values, go on after a break.
+
+A method knows positions, values and how many maps they cost; never sensors, meshes or files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glvis.inputs.study import Study
+from glvis.optim.auto import auto
+from glvis.optim.box import Box
+from glvis.optim.greedy import greedy_alone
+from glvis.optim.refine import refine_alone
+from glvis.optim.script import Problem, Script, ScriptSearch
+from glvis.optim.swarm import Swarm
+
+Floats = NDArray[np.float64]
+State = dict[str, NDArray[Any]]
+
+
+class TraceRow(NamedTuple):
+    """One iteration of a search.
+
+    ``best`` is the largest value so far, ``mean`` and ``std`` are those of this iteration's
+    positions. ``inertia`` and ``neighbours`` are the swarm's (0 for other methods).
+    ``evaluations``, ``maps_rendered`` and ``seconds`` count from the start of the run.
+    """
+
+    iteration: int
+    method: str
+    best: float
+    mean: float
+    std: float
+    inertia: float
+    neighbours: int
+    evaluations: int
+    maps_rendered: int
+    seconds: float
+
+
+class Search(Protocol):
+    """A search that is asked for positions and told their values; larger is better.
+
+    Attributes
+    ----------
+    method : str
+        Name of what asked last.
+    sensors : sequence of int or None
+        Who looks at the positions asked for last; None means all, and only then are the values
+        those of whole layouts.
+    best_x : (D,) float64
+        Best position told so far, before that the start.
+    iteration : int
+        Of the positions asked for last, from 0.
+    stop_reason : str or None
+        Why the search has ended, in words.
+    """
+
+    method: str
+    sensors: Sequence[int] | None
+    best_x: Floats
+    iteration: int
+    stop_reason: str | None
+
+    @property
+    def best_value(self) -> float:
+        """Largest value told so far."""
+
+    @property
+    def iterations(self) -> int:
+        """The most iterations there can be."""
+
+    @property
+    def inertia(self) -> float:
+        """Of the swarm, for the trace."""
+
+    @property
+    def neighbours(self) -> int:
+        """Of the swarm, for the trace."""
+
+    def ask(self) -> Floats:
+        """Return positions (P, D) to evaluate."""
+
+    def tell(self, values: ArrayLike, maps_rendered: int) -> None:
+        """Take their values (P,), and the maps that the run has rendered so far."""
+
+    def stop(self, reason: str) -> None:
+        """End from outside."""
+
+    def extend(self, iterations: int) -> None:
+        """Allow more iterations."""
+
+    def state(self) -> State:
+        """Return all that is needed to go on bit for bit, as arrays without objects."""
+
+
+class SwarmSearch(Swarm):
+    """The paper's swarm as one method among others."""
+
+    method = "swarm"
+    sensors: Sequence[int] | None = None
+
+    def tell(self, values: ArrayLike, maps_rendered: int = 0) -> None:
+        """Take the values (P,) of the positions asked for last."""
+        super().tell(values)
+
+    @property
+    def iterations(self) -> int:
+        """The most iterations there can be."""
+        return self.options.iterations
+
+    @property
+    def inertia(self) -> float:
+        """What moved the last swarm."""
+        return self.trace[-1].inertia
+
+    @property
+    def neighbours(self) -> int:
+        """What the last swarm looked at."""
+        return self.trace[-1].neighbours
+
+
+METHODS: dict[str, Callable[[Problem], Script]] = {
+    "auto": auto,
+    "greedy": greedy_alone,
+    "refine": refine_alone,
+}
+_MAPS = 4000  # a sensor and model, where the study does not say
+
+
+def new_search(study: Study, most_poses: int) -> Search:
+    """Return the search that a study asks for, at its beginning.
+
+    Parameters
+    ----------
+    study : Study
+        With at least one variable.
+    most_poses : int
+        Poses whose maps the evaluator keeps.
+    """
+    rig, method = study.rig, study.search.method
+    if method == "swarm":
+        return SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
+    box = Box(rig.bounds, rig.periodic)
+
+    def views(x: Floats) -> list[object]:
+        poses = rig.poses(x)
+        return [(kind, pose.tobytes()) for kind, pose in zip(rig.sensor_kinds, poses, strict=True)]
+
+    problem = Problem(
+        box=box,
+        start=box.inside(rig.start),
+        moved_by=rig.moved_by,
+        models=len(study.models),
+        max_maps=study.search.max_maps or _MAPS * len(study.sensors) * len(study.models),
+        most_poses=most_poses,
+        views=views,
+        rng=np.random.default_rng(study.swarm.seed),
+        swarm=study.swarm,
+    )
+    return ScriptSearch(METHODS[method], problem)
+
+
+def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray[Any]]) -> Search:
+    """Return a search that goes on from ``state``.
+
+    Raises
+    ------
+    StudyError
+        If it cannot: another version of glvis or NumPy would have searched in another way.
+    """
+    if study.search.method == "swarm":
+        return SwarmSearch.from_state(state)
+    search = new_search(study, most_poses)
+    assert isinstance(search, ScriptSearch)
+    search.go_on(state)
+    return search

@@ -1,0 +1,1 @@
+"""What comes out: the result folder, tables, explanations, files for other tools."""

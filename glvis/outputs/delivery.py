@@ -1,0 +1,164 @@
+"""A placement becomes a whole result folder: data, pictures, the page, and the index of all."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from glvis.drawing.pictures import SIZE, write_views
+from glvis.errors import MachineError, StudyError
+from glvis.optim.placement import Placement
+from glvis.outputs.export_poses import write_exports, write_poses
+from glvis.outputs.export_surfaces import write_surfaces
+from glvis.outputs.folder import INDEX, ResultFolder, renewed_files
+from glvis.outputs.mounting import mounting_lines
+from glvis.outputs.reading import read_result
+from glvis.outputs.report import page_data
+from glvis.outputs.result import write_data, write_summary
+from glvis.viewer.page import write_page
+
+VIEWS, PAGE = "views", "report.html"
+MOUNTING, POSES, EXPORTS = "mounting.txt", "poses.csv", "exports"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How pictures are to look.
+
+    Attributes
+    ----------
+    size : tuple of int
+        Pixels (width, height).
+    view : (float, float) or None
+        Azimuth and elevation, degrees, of pictures in perspective; None chooses.
+    color : str or None
+        Only the pictures with this colouring.
+    """
+
+    size: tuple[int, int] = SIZE
+    view: tuple[float, float] | None = None
+    color: str | None = None
+
+
+def deliver(
+    placement: Placement,
+    folder: ResultFolder,
+    *,
+    warnings: Sequence[str] = (),
+    pictures: bool = True,
+) -> list[str]:
+    """Write everything of a placement into a folder that is still to be committed.
+
+    Pictures that fail, or that Ctrl-C ends, do not cost the result.
+
+    Parameters
+    ----------
+    placement : Placement
+        What was found.
+    folder : ResultFolder
+        Where it goes.
+    warnings : sequence of str
+        Sentences to keep with the result.
+    pictures : bool
+        Whether to make the pictures.
+
+    Returns
+    -------
+    list of str
+        What could not be made, a sentence each.
+
+    Raises
+    ------
+    MachineError
+        If the files cannot be written.
+    """
+    failures = []
+    try:
+        write_data(placement, folder.staging)
+        _write_for_others(placement, folder.staging)
+        write_page(folder.staging / PAGE, page_data(placement))
+        if pictures:
+            failures = _tried(placement, folder)
+        write_summary(placement, folder.staging, [*warnings, *failures])
+    except OSError as error:
+        raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error
+    return failures
+
+
+def render_again(directory: Path, look: Look | None = None) -> list[str]:
+    """Make the pictures and the page of a result again; return the names of the new files.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder of a result.
+    look : Look, optional
+        With a ``color``, all other pictures stay as they are.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds no whole result, or the look is none.
+    MachineError
+        Where there is no OpenGL, or the folder cannot be written to.
+    """
+    look = look or Look()
+    placement = read_result(directory)
+    with renewed_files(directory, () if look.color else (f"{VIEWS}/",)) as staging:
+        try:
+            paths = write_pictures(placement, staging, look)
+        except ValueError as error:
+            raise StudyError(str(error)) from error
+        write_page(staging / PAGE, page_data(placement))
+        return [path.relative_to(staging).as_posix() for path in paths]
+
+
+def write_pictures(placement: Placement, directory: Path, look: Look | None = None) -> list[Path]:
+    """Write the pictures of a placement into ``views`` in a folder; return their paths."""
+    look = look or Look()
+    (directory / VIEWS).mkdir()
+    return write_views(
+        placement.study,
+        placement.camera_to_world,
+        placement.maps,
+        directory / VIEWS,
+        trace=placement.trace,
+        start_value=placement.start_value,
+        size=look.size,
+        view=look.view,
+        color=look.color,
+    )
+
+
+def _write_for_others(placement: Placement, directory: Path) -> None:
+    """Write what installers and other tools read."""
+    text = "\n".join(mounting_lines(placement)) + "\n"
+    (directory / MOUNTING).write_text(text, encoding="utf-8")
+    write_poses(placement, directory / POSES)
+    (directory / EXPORTS).mkdir()
+    write_exports(placement, directory / EXPORTS)
+    write_surfaces(placement, directory / EXPORTS)
+
+
+def summary_of_files(directory: Path) -> str:
+    """Return in a line what lies in a result folder."""
+    views = [f"{VIEWS}/"] if (directory / VIEWS).is_dir() else []
+    names = [PAGE, *views, INDEX, "coverage.csv", MOUNTING, POSES, f"{EXPORTS}/"]
+    return f"Result: {directory} ({', '.join(names)}, ...)"
+
+
+def _tried(placement: Placement, folder: ResultFolder) -> list[str]:
+    """Make the pictures; return in a sentence what could not be made."""
+    problem = ""
+    try:
+        write_pictures(placement, folder.staging)
+    except KeyboardInterrupt:
+        problem = "the pictures were left out on Ctrl-C"
+    except MachineError as error:
+        problem = f"the pictures could not be made: {error}"
+    if not problem:
+        return []
+    shutil.rmtree(folder.staging / VIEWS, ignore_errors=True)
+    return [f"{problem}; 'glvis render {folder.path}' makes them"]

@@ -1,0 +1,168 @@
+"""Why surface stays unseen, where it lies, and what each sensor is good for.
+
+Every unseen face gets one reason: that of the sensor that came closest to seeing it. So the
+areas of the reasons add up to the unseen area. Judged at the face's centre of mass, as the
+criterion "centroid" does; with the paper's semantics by its rules for vertices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from glvis.inputs.scene import Model
+from glvis.inputs.sensor import Sensor
+from glvis.inputs.study import Study
+from glvis.optim.placement import Placement, evaluate_poses
+from glvis.sight.visibility import VisibilityOptions, takes_second_look
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+# From the farthest from being seen to the nearest; the order in which a sensor's rules ask.
+REASONS = (
+    "nothing looks there",
+    "turned away",
+    "too far",
+    "too near",
+    "too oblique",
+    "hidden by the model",
+    "hidden by an obstacle",
+    "smaller than a pixel",
+    "no area",
+)
+_OUTSIDE, _BACK, _FAR, _NEAR, _OBLIQUE, _HIDDEN, _OBSTRUCTED, _TINY, _NO_AREA = range(len(REASONS))
+SEEN = -1
+
+
+@dataclass(frozen=True)
+class Region:
+    """A connected piece of surface.
+
+    Attributes
+    ----------
+    n_faces : int
+        Faces that share edges.
+    area : float
+        Scene unit squared.
+    centre : (3,) float64
+        Mean of the surface, world frame.
+    facing : (3,) float64
+        Mean unit normal; zero where normals cancel out.
+    faces : (n,) int64
+        Indices into the model's faces.
+    """
+
+    n_faces: int
+    area: float
+    centre: Floats
+    facing: Floats
+    faces: Integers
+
+
+def unseen_reasons(placement: Placement) -> list[Integers]:
+    """Return for each model why each face is unseen, (F,) index into REASONS, or SEEN.
+
+    Raises
+    ------
+    MachineError
+        Where there is no OpenGL; hiding by obstacles is told by a second look without them.
+    """
+    study, poses = placement.study, placement.camera_to_world
+    found = []
+    for model, seen_map in zip(study.models, placement.maps, strict=True):
+        closest = np.full(model.n_faces, _OUTSIDE)
+        for sensor, pose in zip(study.sensors, poses, strict=True):
+            closest = np.maximum(closest, _refusals(model, sensor, pose, study.visibility))
+        closest[model.areas == 0] = _NO_AREA
+        closest[seen_map.counts > 0] = SEEN
+        found.append(closest)
+    if study.obstacles and any((reason == _HIDDEN).any() for reason in found):
+        _tell_from_hidden(placement, found, _OBSTRUCTED, replace(study, obstacles=()))
+    options = study.visibility
+    if options.criterion == "pixels" and not takes_second_look(options):
+        by_centre = replace(options, criterion="centroid", min_pixels=1)
+        _tell_from_hidden(placement, found, _TINY, replace(study, visibility=by_centre))
+    return found
+
+
+def regions(model: Model, chosen: Bools) -> list[Region]:
+    """Return the connected pieces of some faces (F,) bool, the largest first."""
+    index = np.flatnonzero(chosen)
+    if not len(index):
+        return []
+    faces = model.faces[index].astype(np.int64)
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    owner = np.repeat(np.arange(len(index)), 3)
+    order = np.lexsort(edges.T)
+    same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
+    a, b = owner[order][:-1][same], owner[order][1:][same]
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(index), len(index)))
+    n, label = connected_components(graph, directed=False)
+    area = np.bincount(label, model.areas[index], minlength=n)
+    pieces = []
+    for piece in np.argsort(-area, kind="stable"):
+        own = index[label == piece]
+        weights = model.areas[own, None]
+        facing = (model.normals[own] * weights).sum(axis=0)
+        length = float(np.linalg.norm(facing))
+        total = float(weights.sum())
+        centre = model.centroids[own].mean(axis=0)
+        if total > 0:
+            centre = (model.centroids[own] * weights).sum(axis=0) / total
+            facing = facing / length if length > 0.1 * total else np.zeros(3)
+        pieces.append(Region(len(own), total, centre, facing, own))
+    return pieces
+
+
+def values_without(placement: Placement) -> Floats:
+    """Return the value of the objective without each sensor in turn, (S,) float64."""
+    study = placement.study
+    values = np.zeros((len(study.sensors), len(study.models)))
+    for m, (model, found) in enumerate(zip(study.models, placement.maps, strict=True)):
+        for s, visible in enumerate(found.visible):
+            counts = found.counts - visible
+            values[s, m] = study.objective.terms(counts, model.areas)["value"]
+    return study.objective.aggregated(values)
+
+
+def _refusals(model: Model, sensor: Sensor, pose: Floats, options: VisibilityOptions) -> Integers:
+    """Return the first rule of a sensor that refuses each face, (F,); _HIDDEN if none does."""
+    by_paper = options.semantics == "paper"
+    by_axis = options.incidence == "axis"
+    towards = pose[:3, 3] - model.centroids
+    front = np.sum(model.normals * towards, axis=1)
+    if by_axis:
+        cosine = model.normals @ pose[:3, 2]
+    else:
+        cosine = front / np.maximum(np.linalg.norm(towards, axis=1), 1e-300)
+    # every vertex of a face with the paper's rules, else its centre alone: (F, k)
+    corner = model.faces if by_paper else np.arange(model.n_faces)[:, None]
+    points = (model.vertices if by_paper else model.centroids) - pose[:3, 3]
+    local = points @ pose[:3, :3]
+    depth = -local[:, 2]
+    edge = sensor.intrinsics.tan_half * depth[:, None]
+    in_view = ((depth > 0) & (np.abs(local[:, :2]) <= edge).all(axis=1))[corner]
+    in_reach = in_view & (depth <= sensor.max_distance)[corner]
+    rules = {
+        _OUTSIDE: ~in_view.any(axis=1),
+        _BACK: (cosine if by_axis else front) <= 0,
+        _FAR: ~in_reach.any(axis=1),
+        _NEAR: (depth < sensor.min_distance)[corner].any(axis=1),
+        _OBLIQUE: cosine < np.cos(sensor.max_incidence),
+    }
+    return np.select(list(rules.values()), list(rules), default=_HIDDEN)
+
+
+def _tell_from_hidden(
+    placement: Placement, found: list[Integers], reason: int, study: Study
+) -> None:
+    """Give hidden faces another reason where another study with the same poses sees them."""
+    again = evaluate_poses(study, placement.camera_to_world)
+    for reasons, seen_map in zip(found, again.maps, strict=True):
+        reasons[(reasons == _HIDDEN) & (seen_map.counts > 0)] = reason

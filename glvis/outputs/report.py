@@ -1,0 +1,109 @@
+"""What the page shows of a placement: the scene, the maps, the tables, the facts."""
+
+from __future__ import annotations
+
+from glvis.optim.placement import Placement
+from glvis.outputs.mounting import mounting_lines
+from glvis.outputs.result import versions
+from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.viewer.page import PageData, PageModel, PageObstacle, PageSensor, PageTable, PageTrace
+
+_COLUMNS = {
+    "seen_by_all_cameras": "seen, by all sensors",
+    "unique_seen": "unique seen",
+    "total": "faces",
+    "percentage": "seen %",
+    "area_percentage": "area seen %",
+}
+
+
+def page_data(placement: Placement) -> PageData:
+    """Return all that the page of a placement shows."""
+    study = placement.study
+    return PageData(
+        title=study.title,
+        unit=study.unit,
+        up=study.up,
+        models=[
+            PageModel(model.name, model.vertices, model.faces, found.visible)
+            for model, found in zip(study.models, placement.maps, strict=True)
+        ],
+        sensors=[
+            PageSensor(
+                name,
+                sensor.name,
+                pose,
+                sensor.intrinsics.tan_half,
+                sensor.min_distance,
+                sensor.max_distance,
+                sensor.max_incidence,
+                sensor.resolution,
+            )
+            for name, sensor, pose in zip(
+                study.sensor_names, study.sensors, placement.camera_to_world, strict=True
+            )
+        ],
+        obstacles=[PageObstacle(m.name, m.vertices, m.faces) for m in study.obstacles],
+        tables=[_coverage(placement), _sensors(placement)],
+        trace=_trace(placement),
+        facts=_facts(placement),
+        mounting=mounting_lines(placement),
+        incidence=study.visibility.incidence,
+    )
+
+
+def _coverage(placement: Placement) -> PageTable:
+    study = placement.study
+    rows = model_rows(study.models, placement.maps, study.objective)
+    several = range(2, len(study.sensors) + 1)
+    body: list[list[str | float]] = [
+        [row.name, *(getattr(row, name) for name in _COLUMNS)]
+        + [100 * row.shares_seen_by[n - 1] for n in several]
+        for row in rows
+    ]
+    if len(rows) > 1:
+        mean = mean_row(rows)
+        shares = [100 * mean[f"share_seen_by_{n}"] for n in several]
+        body.append(["mean", *(mean[name] for name in _COLUMNS), *shares])
+    header = ["model", *_COLUMNS.values(), *(f"by {n}+ %" for n in several)]
+    return PageTable("Faces seen", header, body)
+
+
+def _sensors(placement: Placement) -> PageTable:
+    return PageTable(
+        "Sensors",
+        ["sensor", "sees %", "only it sees %"],
+        [
+            [row.name, row.seen_percentage, row.only_it_percentage]
+            for row in sensor_rows(placement.maps)
+        ],
+        "Of the faces, the mean over models. What only it sees would be lost without it.",
+    )
+
+
+def _trace(placement: Placement) -> PageTrace | None:
+    rows = placement.trace
+    if not rows:
+        return None
+    return PageTrace(
+        [row.iteration for row in rows], [row.best for row in rows], [row.mean for row in rows]
+    )
+
+
+def _facts(placement: Placement) -> list[tuple[str, str]]:
+    study, gl = placement.study, placement.gl
+    facts = [("Objective", f"{study.objective.kind.upper()} = {placement.value:.6g}")]
+    if placement.trace:
+        facts += [
+            ("At the start", f"{placement.start_value:.6g}"),
+            ("Search", placement.stop_reason),
+            ("Seed", str(placement.seed)),
+            ("Evaluations", f"{placement.evaluations:,}"),
+            ("Maps rendered", f"{placement.maps_rendered:,}"),
+        ]
+    return [
+        *facts,
+        ("Criterion", study.visibility.semantics or study.visibility.criterion),
+        ("OpenGL", f"{gl.renderer}, {gl.version}"),
+        ("Made by", f"glvis {versions()['glvis']}"),
+    ]

@@ -1,0 +1,268 @@
+"""The result of a run as files, written for people and programs; ``reading`` reads them.
+
+Format of ``result.json``, version 1; every float is written so that reading gives it back bit
+for bit. All but ``run``, ``gl`` and ``versions`` is the same for the same study and seed.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import math
+import platform
+import time
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.camera import angles_from_direction, position_direction_roll
+from glvis.inputs.scene import Model
+from glvis.optim.placement import Placement, TraceRow
+from glvis.outputs.folder import INDEX, STUDY, files_below, write_index
+from glvis.outputs.tables import mean_row, mean_terms, model_rows, sensor_rows
+from glvis.sight.visibility import render_resolution
+
+SCHEMA = 1
+COVERAGE, SENSORS, TRACE, MAPS = "coverage.csv", "sensors.csv", "trace.csv", "visibility.npz"
+
+SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
+_PACKAGES = ("moderngl", "glcontext", "numpy", "trimesh", "pyswarms", "scipy", "pillow")
+
+
+def write_data(placement: Placement, directory: Path) -> None:
+    """Write all files but pictures and ``result.json``.
+
+    Parameters
+    ----------
+    placement : Placement
+        What was found.
+    directory : Path
+        An existing folder.
+    """
+    study = placement.study
+    rows = model_rows(study.models, placement.maps, study.objective)
+    (directory / STUDY).write_text(study.text, encoding="utf-8")
+    shares = [f"seen_by_{n}_percentage" for n in range(1, len(study.sensor_names) + 1)]
+    columns = ["seen_by_all_cameras", "unique_seen", "total", "percentage", "area_percentage"]
+    mean = mean_row(rows)
+    _write_csv(
+        directory / COVERAGE,
+        ["model", *columns, *shares[1:], "value"],
+        [
+            [
+                row.name,
+                *(getattr(row, name) for name in columns),
+                *(100 * share for share in row.shares_seen_by[1:]),
+                row.terms["value"],
+            ]
+            for row in rows
+        ]
+        + [
+            [
+                "mean",
+                *(mean[name] for name in columns),
+                *(100 * mean[f"share_seen_by_{n + 1}"] for n in range(1, len(shares))),
+                mean_terms(rows)["value"],
+            ]
+        ],
+    )
+    _write_csv(
+        directory / SENSORS,
+        ["sensor", "kind", "seen", "seen_percentage", "only_it", "only_it_percentage"],
+        [
+            [row.name, sensor.name, row.seen, row.seen_percentage, row.only_it,
+             row.only_it_percentage]
+            for row, sensor in zip(sensor_rows(placement.maps), study.sensors, strict=True)
+        ],
+    )  # fmt: skip
+    _write_csv(directory / TRACE, TraceRow._fields, placement.trace)
+    arrays = {found.model_name: found.visible for found in placement.maps}
+    write_npz(directory / MAPS, arrays | {SENSOR_NAMES: np.array(study.sensor_names)})
+
+
+def write_summary(placement: Placement, directory: Path, warnings: Sequence[str] = ()) -> None:
+    """Write ``result.json``, the last file: it names all the others.
+
+    Parameters
+    ----------
+    placement : Placement
+        What was found.
+    directory : Path
+        The folder with all other files.
+    warnings : sequence of str
+        Sentences to keep with the result, after those of the placement.
+    """
+    files = sorted({*files_below(directory), INDEX})
+    write_index(directory, _summary(placement, warnings) | {"files": files})
+
+
+def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays so that ``np.load`` reads them: the same bytes for the same arrays.
+
+    ``np.savez_compressed`` would refuse models that are called as its own arguments are.
+    """
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            data = io.BytesIO()
+            np.lib.format.write_array(data, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), zipfile.ZIP_DEFLATED)
+
+
+def sensor_poses(placement: Placement) -> list[dict[str, Any]]:
+    """Return the pose of each sensor as numbers that people use, in the study's unit."""
+    study = placement.study
+    position, direction, roll = position_direction_roll(placement.camera_to_world, study.up)
+    azimuth, elevation = angles_from_direction(direction)
+    return [
+        {
+            "name": name,
+            "sensor": sensor.name,
+            "position": position[s].tolist(),
+            "direction": direction[s].tolist(),
+            "azimuth_deg": _degrees(azimuth[s]),
+            "elevation_deg": _degrees(elevation[s]),
+            "roll_deg": _degrees(roll[s]),
+            "camera_to_world": placement.camera_to_world[s].tolist(),
+        }
+        for s, (name, sensor) in enumerate(zip(study.sensor_names, study.sensors, strict=True))
+    ]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of glvis, Python and the packages that numbers depend on."""
+    found = {"python": platform.python_version()}
+    for name in ("glvis", *_PACKAGES):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # run from a checkout, or a fork by another name
+            found[name] = ""
+    return found
+
+
+def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
+    """Return all of ``result.json`` but the list of files."""
+    study, objective = placement.study, placement.study.objective
+    rows = model_rows(study.models, placement.maps, objective)
+    is_position = bool(np.isfinite(placement.position).all()) and np.array_equal(
+        study.rig.poses(placement.position), placement.camera_to_world
+    )
+    return {
+        "glvis_schema": SCHEMA,
+        "title": study.title,
+        "unit": study.unit,
+        "up": study.up.tolist(),
+        "poses": sensor_poses(placement),
+        "variables": [
+            {
+                "name": variable.name,
+                # poses from elsewhere belong to no position
+                "value": float(value) if is_position else None,
+                "min": variable.min,
+                "max": variable.max,
+                "start": variable.start,
+                "periodic": variable.periodic,
+            }
+            for variable, value in zip(study.variables, placement.position, strict=True)
+        ],
+        "objective": {
+            "kind": objective.kind,
+            "value": placement.value,
+            "start_value": placement.start_value,
+            "by_area": objective.by_area,
+            "normalize": objective.normalize,
+            "aggregate": objective.aggregate,
+            "weights": {
+                "w_tot": objective.w_tot,
+                "w_of1": objective.w_of1,
+                "w_of2": objective.w_of2,
+                "overlap": list(objective.overlap),
+            },
+            "terms": _without_value(mean_terms(rows)),
+        },
+        "models": [
+            {
+                "name": row.name,
+                "seen_by_all_cameras": row.seen_by_all_cameras,
+                "unique_seen": row.unique_seen,
+                "total": row.total,
+                "percentage": row.percentage,
+                "area_percentage": row.area_percentage,
+                "share_seen_by": {str(n): s for n, s in enumerate(row.shares_seen_by, 1) if n > 1},
+                "value": row.terms["value"],
+                "terms": _without_value(row.terms),
+                "render_resolution": {
+                    sensor.name: list(render_resolution(study.visibility, sensor, model))
+                    for sensor in study.sensors
+                },
+                **_file_of(model),
+            }
+            for row, model in zip(rows, study.models, strict=True)
+        ],
+        "mean": mean_row(rows),
+        "obstacles": [{"name": model.name, **_file_of(model)} for model in study.obstacles],
+        "sensors": [
+            {
+                "name": row.name,
+                "seen": row.seen,
+                "seen_percentage": row.seen_percentage,
+                "only_it": row.only_it,
+                "only_it_percentage": row.only_it_percentage,
+            }
+            for row in sensor_rows(placement.maps)
+        ],
+        "search": {
+            "stop_reason": placement.stop_reason,
+            "seed": placement.seed,
+            "iterations": placement.trace[-1].iteration if placement.trace else 0,
+            "evaluations": placement.evaluations,
+            "maps_rendered": placement.maps_rendered,
+        },
+        "warnings": [*placement.warnings, *warnings],
+        "run": {
+            "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "seconds": placement.seconds,
+            "workers": placement.workers,
+        },
+        "gl": {
+            "vendor": placement.gl.vendor,
+            "renderer": placement.gl.renderer,
+            "version": placement.gl.version,
+            "backend": placement.gl.backend,
+        },
+        "versions": versions(),
+    }
+
+
+def _without_value(terms: Mapping[str, float]) -> dict[str, float]:
+    return {name: term for name, term in terms.items() if name != "value"}
+
+
+def _degrees(angle: float) -> float:
+    """Return an angle in degrees, never -0."""
+    return math.degrees(angle) + 0.0
+
+
+def _file_of(model: Model) -> dict[str, str]:
+    """Return where a mesh came from and the sum that tells whether it is still the same."""
+    if model.path is None:
+        return {}
+    return {"file": str(model.path), "sha256": sha256(model.path)}
+
+
+def sha256(path: Path) -> str:
+    """Return the sum that tells whether a file is still the same."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)

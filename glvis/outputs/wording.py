@@ -1,0 +1,182 @@
+"""Studies and results in words and tables of text, as the command line prints them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from glvis.inputs.estimate import Cost, share_below_a_pixel, working_distance
+from glvis.inputs.study import Study
+from glvis.optim.placement import Placement
+from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.sight.visibility import render_resolution, takes_second_look
+from glvis.terminal import duration, table
+
+_MANY_BELOW_A_PIXEL = 0.05
+
+
+def study_lines(study: Study) -> Iterator[str]:
+    """Yield what a study is made of."""
+    unit = study.unit
+    yield f"{study.title} (lengths in {unit}, angles in degrees)"
+    yield ""
+    yield "Models and obstacles"
+    header = ("", "mesh", "faces", f"area [{unit}²]", f"mean edge [{unit}]", "surface")
+    meshes = [("model", m) for m in study.models] + [("obstacle", m) for m in study.obstacles]
+    yield from table(
+        header,
+        [
+            (what, m.name, m.n_faces, float(m.areas.sum()), m.mean_edge,
+             "closed" if m.is_closed else "open")
+            for what, m in meshes
+        ],
+    )  # fmt: skip
+    yield ""
+    yield "Sensors"
+    kinds = {sensor.name: sensor for sensor in study.sensors}
+    for name, sensor in kinds.items():
+        own = [n for n, s in zip(study.sensor_names, study.sensors, strict=True) if s is sensor]
+        opening = np.degrees([sensor.intrinsics.hfov, sensor.intrinsics.vfov])
+        yield (
+            f"  {name}: {opening[0]:.4g} x {opening[1]:.4g} deg, "
+            f"{sensor.resolution[0]} x {sensor.resolution[1]} pixels, "
+            f"{sensor.min_distance:g} to {sensor.max_distance:g} {unit}, incidence up to "
+            f"{np.degrees(sensor.max_incidence):.4g} deg; {len(own)} of them: {', '.join(own)}"
+        )
+    yield ""
+    yield f"Render resolution (criterion '{study.visibility.criterion}')"
+    yield from table(
+        ("model", "sensor", "pixels", "faces below a pixel", "at distance"),
+        [
+            (model.name, sensor.name, f"{w} x {h}",
+             f"{100 * share_below_a_pixel(sensor, model, (w, h)):.1f} %",
+             f"{working_distance(sensor):g} {unit}")
+            for model in study.models
+            for sensor in kinds.values()
+            for w, h in [render_resolution(study.visibility, sensor, model)]
+        ],
+    )  # fmt: skip
+    yield ""
+    if study.variables:
+        yield f"Variables ({len(study.variables)})"
+        yield from table(
+            ("name", "min", "max", "start", ""),
+            [
+                (v.name, float(v.min), float(v.max), float(v.start),
+                 "periodic" if v.periodic else "")
+                for v in study.variables
+            ],
+        )  # fmt: skip
+    else:
+        yield "Variables: none; the study can be evaluated, there is nothing to search"
+    yield ""
+    yield from _objective_lines(study)
+
+
+def resolution_warnings(study: Study) -> list[str]:
+    """Return one sentence for each model with many faces that pixels may miss."""
+    if study.visibility.criterion == "centroid" or takes_second_look(study.visibility):
+        return []  # both find faces of any size
+    found = []
+    for model in study.models:
+        shares = {
+            sensor.name: share_below_a_pixel(
+                sensor, model, render_resolution(study.visibility, sensor, model)
+            )
+            for sensor in study.sensors
+        }
+        name, share = max(shares.items(), key=lambda item: item[1])
+        if share > _MANY_BELOW_A_PIXEL:
+            found.append(
+                f"{model.name}: {100 * share:.0f} % of the faces are smaller than a pixel of "
+                f"{name} at working distance and may be missed; use resolution = 'auto', a "
+                "higher resolution or criterion = 'centroid', or a coarser mesh"
+            )
+    return found
+
+
+def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
+    """Yield what a run takes."""
+    gl = cost.gl
+    yield f"OpenGL: {gl.renderer}, {gl.version} ({gl.vendor}, by {gl.backend})"
+    yield (
+        f"One evaluation ({cost.maps} maps): {1000 * cost.evaluation_seconds:,.1f} ms in one "
+        f"process, the median of {cost.samples} random positions"
+    )
+    if cost.run_maps:
+        yield (
+            f"A full run of {cost.run_maps:,} maps: at most {duration(cost.run_seconds())} in "
+            f"one process, about {duration(cost.run_seconds(workers))} with {workers}; it may "
+            "end before"
+        )
+
+
+def result_lines(placement: Placement) -> Iterator[str]:
+    """Yield what a placement is worth."""
+    study = placement.study
+    rows = model_rows(study.models, placement.maps, study.objective)
+    most = min(4, len(study.sensors))  # columns; the files have them all
+    several = range(2, most + 1)
+    header = ("model", "seen by all", "unique", "total", "seen %", "area %")
+    body: list[tuple[object, ...]] = [
+        (
+            row.name,
+            row.seen_by_all_cameras,
+            row.unique_seen,
+            row.total,
+            f"{row.percentage:.1f}",
+            f"{row.area_percentage:.1f}",
+            *(f"{100 * row.shares_seen_by[n - 1]:.1f}" for n in several),
+        )
+        for row in rows
+    ]
+    if len(rows) > 1:
+        mean = mean_row(rows)
+        body.append(
+            (
+                "mean",
+                round(mean["seen_by_all_cameras"]),
+                round(mean["unique_seen"]),
+                round(mean["total"]),
+                f"{mean['percentage']:.1f}",
+                f"{mean['area_percentage']:.1f}",
+                *(f"{100 * mean[f'share_seen_by_{n}']:.1f}" for n in several),
+            )
+        )
+    yield "Faces seen"
+    yield from table((*header, *(f"by {n}+ %" for n in several)), body)
+    yield ""
+    yield "Sensors: what each sees, and what only it sees, in % of the faces (mean over models)"
+    yield from table(
+        ("sensor", "sees %", "only it %"),
+        [
+            (row.name, f"{row.seen_percentage:.1f}", f"{row.only_it_percentage:.1f}")
+            for row in sensor_rows(placement.maps)
+        ],
+    )
+    yield ""
+    kind = study.objective.kind.upper()
+    if not placement.trace:
+        yield f"{kind} = {placement.value:.6g}"
+        return
+    yield f"{kind} = {placement.value:.6g} (start: {placement.start_value:.6g})"
+    yield placement.stop_reason[:1].upper() + placement.stop_reason[1:]
+    yield (
+        f"{placement.evaluations:,} evaluations, {placement.maps_rendered:,} maps in "
+        f"{duration(placement.seconds)} (seed {placement.seed})"
+    )
+
+
+def _objective_lines(study: Study) -> Iterator[str]:
+    objective = study.objective
+    what = "area" if objective.by_area else "faces"
+    line = f"Objective: {objective.kind.upper()} by {what}"
+    if objective.kind == "of3":
+        line += f", {objective.w_tot:g} T_tot + {objective.w_of1:g} OF1 + {objective.w_of2:g} OF2"
+    if objective.kind != "of1":
+        line += f", overlap weights {', '.join(f'{w:g}' for w in objective.overlap)}"
+        line += ", normalised" if objective.normalize else ", raw counts"
+    if len(study.models) > 1:
+        line += f"; {objective.aggregate} over {len(study.models)} models"
+    yield line

@@ -1,0 +1,222 @@
+"""Which faces may be left out of a draw: CropFOV and CropBack (Sec. 2.1.1) by clusters of faces.
+
+Faces are sorted once by direction and place and cut into clusters of equal size. Every cluster
+keeps a bounding sphere and a box around its faces' planes, so that both filters for all poses
+at once are two matrix products. The cull is conservative: it never changes a map.
+
+A back face may only be left out where no ray of the camera can meet it first. That holds for a
+consistently wound surface that encloses a volume, seen from outside its bounding box. Where the
+surface has holes, imagine each hole closed by a fan of triangles: a ray that meets a back
+face first must have come in through such a cap, so the camera must be behind all of the caps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from glvis.inputs.scene import Model
+
+_SIZE_SMALL, _SIZE_LARGE, _LARGE = 4, 16, 100_000  # faces a cluster; measured by tools/bench
+_SLACK = 1e-5  # of the scene's extent: float32 on the GPU may round a boundary the other way
+_MORTON_BITS = 10
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """The faces of one model in clusters, C of them, each of ``size`` faces (the last padded).
+
+    Attributes
+    ----------
+    model : Model
+        The faces themselves.
+    order : (C * size,) int32
+        Face indices by cluster; the last cluster is padded by its own last face. Faces
+        without area are left out, no pixel ever shows them.
+    size : int
+        Faces a cluster.
+    """
+
+    model: Model
+    order: NDArray[np.int32]
+    size: int
+
+    @classmethod
+    def of(cls, model: Model, size: int | None = None) -> Clusters:
+        """Return the clusters of a model; ``size`` faces each, chosen by the number of faces."""
+        faces = np.flatnonzero(model.areas > 0)
+        size = size or (_SIZE_SMALL if len(faces) < _LARGE else _SIZE_LARGE)
+        key = _morton_code(model.centroids[faces])
+        if model.is_consistent:
+            # six bins of direction above the place: a cluster's faces turn away together
+            axis = np.argmax(np.abs(model.normals[faces]), axis=1)
+            towards = np.take_along_axis(model.normals[faces], axis[:, None], axis=1)[:, 0] > 0
+            key |= (2 * axis + towards).astype(np.uint64) << np.uint64(3 * _MORTON_BITS)
+        order = faces[np.argsort(key, kind="stable")]
+        padding = np.full(-len(order) % size, order[-1] if len(order) else 0)
+        return cls(model, np.concatenate([order, padding]).astype(np.int32), size)
+
+    def __len__(self) -> int:
+        return len(self.order) // self.size
+
+    def places_in(self, mask: Bools) -> NDArray[np.intp]:
+        """Return the places in ``order`` of chosen clusters (C,) bool; padding repeats faces."""
+        return np.flatnonzero(np.repeat(mask, self.size))
+
+    def in_frustum(self, planes: Floats) -> Bools:
+        """Return which clusters may show inside frusta, (N, C) bool (CropFOV).
+
+        Parameters
+        ----------
+        planes : (N, K, 4) float64
+            Inward unit planes of N frusta in the world: ``planes @ (p, 1) >= 0`` inside.
+        """
+        centre, radius = self._sphere
+        inside = np.ones((len(planes), len(self)), dtype=bool)
+        for k in range(planes.shape[1]):
+            inside &= planes[:, k] @ centre.T >= -radius
+        return inside
+
+    def may_face(self, eye: Floats) -> Bools:
+        """Return which clusters may hold a face that looks at the eye, (N, C) bool (CropBack).
+
+        Parameters
+        ----------
+        eye : (N, 3) float64
+            Optical centres in the world.
+        """
+        low, high = self._plane_box
+        e = np.concatenate([eye - self._middle, np.ones((len(eye), 1))], axis=1)
+        # the largest n . eye - n . p over the cluster's box of planes (n, -n . p)
+        bound = np.maximum(e, 0) @ high.T + np.minimum(e, 0) @ low.T
+        return bound >= -_SLACK * self._extent
+
+    def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
+        """Return from which poses no ray can meet a back face first, (N,) bool.
+
+        Parameters
+        ----------
+        eye : (N, 3) float64
+            Optical centres in the world.
+        planes : (N, K, 4) float64
+            Frusta as for ``in_frustum``; a cap outside the frustum lets nothing in.
+        """
+        if not self._encloses:
+            return np.zeros(len(eye), dtype=bool)
+        slack = _SLACK * self._extent
+        low, high = self.model.bounds
+        safe = np.any((eye < low - slack) | (eye > high + slack), axis=1)
+        corners = self._caps
+        if len(corners):
+            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            behind = eye @ normal.T <= np.sum(normal * corners[:, 0], axis=1)
+            points = np.concatenate([corners.reshape(-1, 3), np.ones((3 * len(corners), 1))], 1)
+            outside = np.zeros((len(eye), len(corners)), dtype=bool)
+            for k in range(planes.shape[1]):
+                below = planes[:, k] @ points.T < -slack
+                outside |= below.reshape(len(eye), -1, 3).all(axis=2)
+            safe &= (behind | outside).all(axis=1)
+        return safe
+
+    @cached_property
+    def _extent(self) -> float:
+        return float(np.max(np.ptp(self.model.bounds, axis=0)) + np.abs(self.model.bounds).max())
+
+    @cached_property
+    def _middle(self) -> Floats:
+        return self.model.bounds.mean(axis=0)
+
+    @cached_property
+    def _sphere(self) -> tuple[Floats, Floats]:
+        """Bounding spheres: homogeneous centres (C, 4) and radii (C,)."""
+        faces = self.model.faces[self.order]
+        low = np.full((len(self), 3), np.inf)
+        high = np.full((len(self), 3), -np.inf)
+        for corner in range(3):
+            points = self.model.vertices[faces[:, corner]].reshape(len(self), self.size, 3)
+            low = np.minimum(low, points.min(axis=1))
+            high = np.maximum(high, points.max(axis=1))
+        centre = np.concatenate([(low + high) / 2, np.ones((len(self), 1))], axis=1)
+        return centre, np.linalg.norm(high - low, axis=1) / 2 + _SLACK * self._extent
+
+    @cached_property
+    def _plane_box(self) -> tuple[Floats, Floats]:
+        """Least and largest (n, -n . p) over each cluster's faces, (C, 4) each."""
+        normals = self.model.normals[self.order]
+        points = self.model.centroids[self.order] - self._middle
+        offset = -np.sum(normals * points, axis=1, keepdims=True)
+        planes = np.concatenate([normals, offset], axis=1).reshape(len(self), self.size, 4)
+        return planes.min(axis=1), planes.max(axis=1)
+
+    @cached_property
+    def _encloses(self) -> bool:
+        """Whether the surface, holes capped, is wound outwards around every part of it."""
+        model = self.model
+        if not model.is_consistent or not len(self):
+            return False
+        faces, n = model.faces, len(model.vertices)
+        edges = (np.concatenate([faces[:, 0], faces[:, 1]]), faces[:, [1, 2]].T.ravel())
+        graph = coo_array((np.ones(len(edges[0]), dtype=bool), edges), shape=(n, n))
+        parts, part_of_vertex = connected_components(graph, directed=False)
+        triangles = model.vertices[faces]
+        part_of_face = part_of_vertex[faces[:, 0]]
+        if len(self._caps):
+            triangles = np.concatenate([triangles, self._caps])
+            part_of_face = np.concatenate([part_of_face, part_of_vertex[self._boundary[:, 0]]])
+        triangles = triangles - self._middle
+        volume = np.sum(triangles[:, 0] * np.cross(triangles[:, 1], triangles[:, 2]), axis=1)
+        volumes = np.bincount(part_of_face, weights=volume, minlength=parts)
+        used = np.bincount(part_of_face, minlength=parts) > 0
+        return bool(np.all(volumes[used] > 0))
+
+    @cached_property
+    def _boundary(self) -> NDArray[np.int64]:
+        """Edges that one face alone has, against that face's direction, (B, 2)."""
+        if self.model.is_closed:
+            return np.zeros((0, 2), dtype=np.int64)
+        start = self.model.faces.astype(np.int64).ravel()
+        end = np.roll(self.model.faces, -1, axis=1).astype(np.int64).ravel()
+        key = np.minimum(start, end) * len(self.model.vertices) + np.maximum(start, end)
+        _, first, uses = np.unique(key, return_index=True, return_counts=True)
+        alone = first[(uses == 1) & (start[first] != end[first])]
+        return np.stack([end[alone], start[alone]], axis=1)
+
+    @cached_property
+    def _caps(self) -> Floats:
+        """Triangles that close the holes: a fan around the middle of each loop, (B, 3, 3)."""
+        edges = self._boundary
+        if not len(edges):
+            return np.zeros((0, 3, 3))
+        vertices, local = np.unique(edges, return_inverse=True)
+        local = local.reshape(edges.shape)
+        shape = (len(vertices), len(vertices))
+        graph = coo_array((np.ones(len(edges), dtype=bool), (local[:, 0], local[:, 1])), shape)
+        loops, loop_of_vertex = connected_components(graph, directed=False)
+        points = self.model.vertices[vertices]
+        weight = np.bincount(loop_of_vertex, minlength=loops)
+        middle = np.stack(
+            [np.bincount(loop_of_vertex, points[:, k], loops) / weight for k in range(3)], axis=1
+        )
+        a, b = points[local[:, 0]], points[local[:, 1]]
+        return np.stack([a, b, middle[loop_of_vertex[local[:, 0]]]], axis=1)
+
+
+def _morton_code(points: Floats) -> NDArray[np.uint64]:
+    """Return the place of points along a Z-order curve, (N,) uint64 of 30 bits."""
+    low = points.min(axis=0, initial=np.inf) if len(points) else np.zeros(3)
+    extent = max(float(np.ptp(points, axis=0).max()) if len(points) else 0.0, 1e-300)
+    cells = ((points - low) / extent * (2**_MORTON_BITS - 1)).astype(np.uint64)
+    code = np.zeros(len(points), dtype=np.uint64)
+    for bit in range(_MORTON_BITS):
+        for axis in range(3):
+            chosen = (cells[:, axis] >> np.uint64(bit)) & np.uint64(1)
+            code |= chosen << np.uint64(3 * bit + axis)
+    return code

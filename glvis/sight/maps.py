@@ -1,0 +1,163 @@
+"""Makes visibility maps of many poses, in this process: the one thing that needs OpenGL.
+
+A job is a few poses of one sensor on one model. Maps come back one bit a face, so that they
+can be kept and sent. ``workers`` makes the same maps in other processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.sight.clusters import Clusters
+from glvis.sight.context import GlInfo, gl_info
+from glvis.sight.mapper import Mapper
+from glvis.sight.renderer import Renderer
+from glvis.sight.selftest import check_driver
+from glvis.sight.surface import Surface
+
+if TYPE_CHECKING:
+    from glvis.inputs.scene import Model
+    from glvis.inputs.sensor import Sensor
+    from glvis.inputs.study import Study
+    from glvis.sight.visibility import VisibilityOptions
+
+# Poses that the CPU culls together: the masks of few stay in its cache. Hardware wants many.
+_AT_ONCE_ON_CPU = 16
+
+Bits = NDArray[np.uint8]  # (N, ceil(F / 8)), as numpy.packbits has them
+
+
+@dataclass(frozen=True, eq=False)
+class MapJob:
+    """Some maps to make.
+
+    Attributes
+    ----------
+    model : int
+        Index of the model, in the order of the study.
+    sensor : int
+        Index of the sensor, in the order of the study.
+    camera_to_world : (N, 4, 4) float64
+        Poses of that sensor.
+    """
+
+    model: int
+    sensor: int
+    camera_to_world: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.camera_to_world)
+
+    def parts(self, most: int) -> list[MapJob]:
+        """Return the same maps as jobs of at most ``most`` poses."""
+        return [
+            MapJob(self.model, self.sensor, self.camera_to_world[first : first + most])
+            for first in range(0, len(self), most)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class MapScene:
+    """What of a study decides its maps; the other half is the poses.
+
+    Attributes
+    ----------
+    models, obstacles : tuple of Model
+        What is counted, what only hides.
+    sensors : tuple of Sensor
+        S of them.
+    visibility : VisibilityOptions
+        What counts as visible.
+    """
+
+    models: tuple[Model, ...]
+    obstacles: tuple[Model, ...]
+    sensors: tuple[Sensor, ...]
+    visibility: VisibilityOptions
+
+    @classmethod
+    def of(cls, study: Study) -> MapScene:
+        """Return the scene of a study."""
+        return cls(study.models, study.obstacles, study.sensors, study.visibility)
+
+
+class MapMaker(Protocol):
+    """Who makes maps."""
+
+    gl: GlInfo
+    workers: int
+    warnings: list[str]
+
+    def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
+        """Yield the maps of each job, in their order."""
+
+    def release(self) -> None:
+        """Give back what was held."""
+
+
+class LocalMaps:
+    """Makes maps in this process, with its OpenGL context.
+
+    Parameters
+    ----------
+    scene : MapScene
+        What there is to see, and by which sensors.
+    tiles : int, optional
+        Views that share a framebuffer; see ``Renderer``.
+
+    Attributes
+    ----------
+    gl : GlInfo
+        Who draws.
+
+    Raises
+    ------
+    MachineError
+        Where there is no OpenGL, or a driver that fails the self-test.
+    """
+
+    workers = 1
+
+    def __init__(self, scene: MapScene, tiles: int | None = None) -> None:
+        self.gl = gl_info()
+        check_driver()
+        self.warnings: list[str] = []
+        self._sensors = scene.sensors
+        self._tiles = tiles
+        self._renderers: dict[tuple[int, int], Renderer] = {}
+        origin = scene.models[0].bounds.mean(axis=0)
+        self._obstacles = [
+            Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
+        ]
+        self._mappers = [
+            Mapper(model, self._obstacles, scene.visibility, origin, self._renderer_of)
+            for model in scene.models
+        ]
+
+    def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
+        """Yield the maps of each job, in their order."""
+        for job in jobs:
+            mapper, sensor = self._mappers[job.model], self._sensors[job.sensor]
+            parts = job.parts(_AT_ONCE_ON_CPU) if self.gl.is_software else [job]
+            visible = [mapper.visible(part.camera_to_world, sensor) for part in parts]
+            yield np.concatenate([np.packbits(found, axis=1) for found in visible])
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for mapper in self._mappers:
+            mapper.release()
+        for surface in self._obstacles:
+            surface.release()
+        for renderer in self._renderers.values():
+            renderer.release()
+        self._renderers.clear()
+
+    def _renderer_of(self, resolution: tuple[int, int]) -> Renderer:
+        if resolution not in self._renderers:
+            self._renderers[resolution] = Renderer(resolution, self._tiles)
+        return self._renderers[resolution]

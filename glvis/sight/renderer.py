@@ -1,0 +1,306 @@
+"""Draws surfaces into ID and depth buffers. Poses in; pixels a face, ID and depth images out.
+
+On a software rasteriser one small framebuffer, used over and over, stays in the cache. On
+hardware many views share one tall framebuffer and one read-back; how many is ``tiles``. Images
+are turned once, here: row 0 is the top row for everybody else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.camera import projection_matrix, rigid_inverse
+from glvis.errors import MachineError
+from glvis.sight.context import gl_context, gl_info, unbind_framebuffer
+from glvis.sight.surface import Surface, compiled
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
+# The viewport is this odd number of times as wide and high as the image, which lies in its
+# middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
+# cuts faces slowly, while what falls outside the image costs nothing.
+_GUARD = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """N cameras of one resolution, ready to draw.
+
+    Attributes
+    ----------
+    camera_to_world : (N, 4, 4) float64
+        Poses.
+    tan_half : (N, 2) float64
+        Tangents of the half opening angles.
+    clip_near, clip_far : (N,) float64
+        Clip planes, beyond both ends of what can show.
+    min_distance, max_distance : (N,) float64
+        Working range, the paper's minD and maxD.
+    min_ray_cos, min_axis_cos : (N,) float64
+        Cosine of the largest incidence by the true ray, 0 for any, and by the optical axis,
+        -2 for any.
+    """
+
+    camera_to_world: Floats
+    tan_half: Floats
+    clip_near: Floats
+    clip_far: Floats
+    min_distance: Floats
+    max_distance: Floats
+    min_ray_cos: Floats
+    min_axis_cos: Floats
+
+    def __len__(self) -> int:
+        return len(self.camera_to_world)
+
+    @property
+    def eye(self) -> Floats:
+        """Optical centres in the world, (N, 3)."""
+        return self.camera_to_world[:, :3, 3]
+
+    @property
+    def planes(self) -> Floats:
+        """Inward unit planes of the frusta: left, right, bottom, top, maxD; (N, 5, 4)."""
+        planes = np.zeros((len(self), 5, 4))
+        for k in range(4):
+            axis, side = divmod(k, 2)
+            tan = self.tan_half[:, axis]
+            length = np.sqrt(1 + tan**2)
+            planes[:, k, axis] = (1 - 2 * side) / length  # x >= -tan depth, x <= tan depth
+            planes[:, k, 2] = -tan / length  # depth is -z
+        planes[:, 4, 2] = 1.0  # z >= -maxD
+        planes[:, 4, 3] = self.max_distance
+        return planes @ rigid_inverse(self.camera_to_world)
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What N views draw of a surface.
+
+    Attributes
+    ----------
+    surface : Surface
+        Of which model.
+    mask : (N, C) or (N, F) bool
+        Clusters to draw, or single faces where ``by_face``.
+    cull_backs : (N,) bool
+        In which views back faces are left out one by one too.
+    by_face : bool
+        How to read ``mask``.
+    """
+
+    surface: Surface
+    mask: Bools
+    cull_backs: Bools
+    by_face: bool = False
+
+    def draw(self, program: Any, view: int) -> None:
+        """Draw what one of the views has chosen."""
+        context = gl_context()
+        if self.cull_backs[view]:
+            context.enable(moderngl.CULL_FACE)
+        else:
+            context.disable(moderngl.CULL_FACE)
+        self.surface.draw(program, self.mask[view], self.by_face)
+
+
+class Renderer:
+    """Framebuffers of one resolution and the two draws into them; a context manager.
+
+    Parameters
+    ----------
+    resolution : tuple of int
+        Pixels (width, height) of every view.
+    tiles : int, optional
+        Views that share a framebuffer and a read-back. One by default on a software
+        rasteriser, whose small framebuffer then stays in the cache; as many as are read back
+        well at once on hardware.
+    """
+
+    def __init__(self, resolution: tuple[int, int], tiles: int | None = None) -> None:
+        context = gl_context()
+        self.resolution = resolution
+        width, height = resolution
+        limit = int(context.info["GL_MAX_TEXTURE_SIZE"])
+        if max(resolution) > limit:
+            raise MachineError(
+                f"resolution {width} x {height} exceeds this driver's limit of {limit} pixels"
+            )
+        if tiles is None:
+            fitting = max(1, _HARDWARE_BATCH_BYTES // (4 * width * height))
+            tiles = 1 if gl_info().is_software else fitting
+        self.tiles = min(tiles, limit // height)
+        fits = _GUARD * max(resolution) <= min(context.info["GL_MAX_VIEWPORT_DIMS"])
+        self._guard = _GUARD if fits else 1
+        size = (width, height * self.tiles)
+        self._id_texture = context.texture(size, 1, dtype="u4", alignment=4)
+        self._depth_texture = context.depth_texture(size, alignment=4)
+        self._framebuffer = context.framebuffer([self._id_texture], self._depth_texture)
+        self._depth_only = context.framebuffer([], self._depth_texture)
+        self._ids = np.zeros((self.tiles, height, width), dtype=np.uint32)
+        self._depths = np.zeros((self.tiles, height, width), dtype=np.float32)
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        unbind_framebuffer()
+        for part in (
+            self._framebuffer,
+            self._depth_only,
+            self._id_texture,
+            self._depth_texture,
+        ):
+            part.release()
+
+    def id_images(
+        self,
+        views: Views,
+        selections: Sequence[Selection],
+        *,
+        origin: Floats,
+        refused_hide: bool = True,
+    ) -> Iterator[tuple[int, NDArray[np.uint32]]]:
+        """Yield ID images in batches: index of the first view, and (n, H, W) uint32.
+
+        A pixel holds the index + 1 of the nearest face, or 0 where there is none, the sensor
+        refuses it, or it belongs to an obstacle. The arrays are valid until the next batch.
+
+        Parameters
+        ----------
+        views : Views
+            N cameras of this renderer's resolution.
+        selections : sequence of Selection
+            What to draw of each surface.
+        origin : (3,) float64
+            As the surfaces were made with.
+        refused_hide : bool
+            Whether back and too oblique faces hide what lies behind them.
+        """
+        program = compiled("id_buffer", *(["REFUSED_HIDE"] if refused_hide else []))
+        for first, n in self._batches(views, selections, origin, program):
+            self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
+            yield first, self._ids[:n, ::-1]
+
+    def depth_images(
+        self, views: Views, selections: Sequence[Selection], *, origin: Floats
+    ) -> Iterator[tuple[int, NDArray[np.float32]]]:
+        """Yield depth buffers in batches: index of the first view, and (n, H, W) float32.
+
+        Values are OpenGL's, in [0, 1]; see ``depth_along_axis``. The arrays are valid until
+        the next batch.
+        """
+        for first, n in self._batches(views, selections, origin, compiled("depth")):
+            self._depth_only.read_into(
+                self._depths, attachment=-1, components=1, dtype="f4", alignment=4
+            )
+            yield first, self._depths[:n, ::-1]
+
+    def last_depths(self, n: int) -> NDArray[np.float32]:
+        """Return the depth buffers that belong to the ID images yielded last, (n, H, W)."""
+        self._framebuffer.read_into(
+            self._depths, attachment=-1, components=1, dtype="f4", alignment=4
+        )
+        return self._depths[:n, ::-1]
+
+    def _batches(
+        self,
+        views: Views,
+        selections: Sequence[Selection],
+        origin: Floats,
+        program: Any,
+    ) -> Iterator[tuple[int, int]]:
+        """Draw the views, ``tiles`` at a time; yield the first view and the number drawn."""
+        context = gl_context()
+        framebuffer = self._framebuffer if "face_id" in program else self._depth_only
+        width, height = self.resolution
+        side = self._guard // 2
+        uniforms = _uniforms(views, self.resolution, self.tiles, self._guard, origin, program)
+        for first in range(0, len(views), self.tiles):
+            # The full state, so that no draw depends on the one before.
+            context.enable_only(moderngl.DEPTH_TEST)
+            context.depth_func = "<"
+            context.front_face, context.cull_face = "ccw", "back"
+            framebuffer.use()
+            framebuffer.scissor = (0, 0, width, height * self.tiles)
+            framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+            n = min(self.tiles, len(views) - first)
+            for tile in range(n):
+                view = first + tile
+                # wider than the tile: see _GUARD
+                framebuffer.viewport = (
+                    -side * width,
+                    (tile - side) * height,
+                    self._guard * width,
+                    self._guard * height,
+                )
+                if self.tiles > 1:
+                    framebuffer.scissor = (0, tile * height, width, height)
+                for name, rows in uniforms.items():
+                    program[name].write(rows[view])
+                for selection in selections:
+                    selection.draw(program, view)
+            yield first, n
+
+
+def faces_in_images(images: NDArray[np.uint32], n_faces: int, min_pixels: int = 1) -> Bools:
+    """Return which faces show in at least ``min_pixels`` pixels of ID images, (n, F) bool."""
+    seen = np.zeros((len(images), n_faces + 1), dtype=bool)
+    for flags, image in zip(seen, images, strict=True):
+        # as the GPU left it: no copy; NumPy indexes by its own integers several times faster
+        ids = image[::-1].ravel().astype(np.intp)
+        if min_pixels == 1:
+            flags[ids] = True
+        else:
+            flags[:] = np.bincount(ids, minlength=n_faces + 1) >= min_pixels
+    return seen[:, 1:]
+
+
+def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Floats:
+    """Return distances along the optical axis, scene unit, for depth buffer values [0, 1]."""
+    return 2 * far * near / (far + near - (2 * depth.astype(np.float64) - 1) * (far - near))
+
+
+def _uniforms(
+    views: Views,
+    resolution: tuple[int, int],
+    tiles: int,
+    guard: int,
+    origin: Floats,
+    program: Any,
+) -> dict[str, NDArray[np.float32]]:
+    """Return what a program asks for, by name and view; matrices are multiplied in float64."""
+    pose = views.camera_to_world.copy()
+    pose[:, :3, 3] -= origin
+    projection = projection_matrix(guard * views.tan_half, views.clip_near, views.clip_far)
+    scale = 2 * views.tan_half / np.asarray(resolution)
+    offset = -views.tan_half
+    # gl_FragCoord counts from the bottom of the framebuffer, not of the tile
+    offset[:, 1] -= scale[:, 1] * resolution[1] * (np.arange(len(views)) % tiles)
+    uniforms = {
+        "world_to_clip": np.swapaxes(projection @ rigid_inverse(pose), 1, 2),  # columns first
+        "eye": pose[:, :3, 3],
+        "backwards": pose[:, :3, 2],
+        "pixel_to_tangent": np.concatenate([scale, offset], axis=1),
+        "min_distance": views.min_distance,
+        "max_distance": views.max_distance,
+        "min_ray_cos": views.min_ray_cos,
+        "min_axis_cos": views.min_axis_cos,
+    }
+    return {
+        name: np.ascontiguousarray(rows, dtype=np.float32)
+        for name, rows in uniforms.items()
+        if name in program
+    }

@@ -1,0 +1,153 @@
+"""Models on the GPU: what a draw takes of them, and the programs that draw.
+
+What is fast on a software rasteriser: few vertices, in an order that keeps neighbours together,
+and indices of no more faces than can show. Faces come sorted by cluster; a draw of IDs makes
+vertex i the last one of face i, so that it can carry what belongs to the face.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.errors import MachineError
+from glvis.sight.clusters import Clusters
+from glvis.sight.context import gl_context, gl_info
+from glvis.sight.glsl import shader_source
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
+_FORMATS = {"position": "3f", "face_id": "1u", "normal": "3f"}  # as moderngl writes them
+
+
+class Surface:
+    """One model on the GPU, in the layout of each kind of draw that was asked for.
+
+    Parameters
+    ----------
+    clusters : Clusters
+        The model, its faces sorted.
+    origin : (3,) float64
+        World point that float32 positions are relative to.
+    is_target : bool
+        Whether faces are counted; the ID of an obstacle's faces is 0.
+    """
+
+    def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
+        self.clusters, self._origin, self._is_target = clusters, origin, is_target
+        self._arrays: dict[Any, VertexArray] = {}
+
+    def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
+        """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
+        if by_face:
+            mask = mask[self.clusters.order]
+        if program not in self._arrays:
+            if "face_id" in program:
+                layout = _provoking_layout(self.clusters, self._origin, self._is_target)
+            else:
+                layout = _position_layout(self.clusters, self._origin)
+            self._arrays[program] = VertexArray(program, *layout)
+        self._arrays[program].draw(mask)
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for array in self._arrays.values():
+            array.release()
+        self._arrays.clear()
+
+
+class VertexArray:
+    """Vertices that stay on the GPU, and room for the indices of one draw."""
+
+    def __init__(
+        self, program: Any, vertices: NDArray[np.void], indices: NDArray[np.uint32]
+    ) -> None:
+        context = gl_context()
+        self._faces = indices
+        self._vertices = context.buffer(vertices)
+        self._indices = context.buffer(reserve=indices.nbytes, dynamic=True)
+        names = vertices.dtype.names or ()
+        content = " ".join(_FORMATS[name] for name in names)
+        self._array = context.vertex_array(
+            program, [(self._vertices, content, *names)], self._indices
+        )
+
+    def draw(self, mask: Bools) -> None:
+        """Draw the chosen ones of equal runs of faces, as many as the mask is long."""
+        chosen = self._faces.reshape(len(mask), -1).take(np.flatnonzero(mask), axis=0)
+        if chosen.size:
+            self._indices.write(chosen)
+            self._array.render(moderngl.TRIANGLES, vertices=chosen.size)
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for part in (self._array, self._indices, self._vertices):
+            part.release()
+
+
+def _provoking_layout(
+    clusters: Clusters, origin: Floats, is_target: bool
+) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
+    """Return vertices and (F', 3) indices in which vertex i is the last one of face i.
+
+    OpenGL takes flat attributes from the last vertex of a triangle, so vertex i may carry what
+    belongs to face i and still serve its neighbours as a mere position: about one vertex a
+    face instead of three, and neighbours lie side by side.
+    """
+    model = clusters.model
+    faces = model.faces[clusters.order]
+    n = len(faces)
+    serves = np.full(len(model.vertices), -1, dtype=np.int64)
+    serves[faces[:, 2]] = np.arange(n)
+    used = np.zeros(len(model.vertices), dtype=bool)
+    used[faces[:, :2]] = True
+    extra = np.flatnonzero(used & (serves < 0))  # never the last vertex of a face
+    serves[extra] = n + np.arange(len(extra))
+    vertices = np.zeros(n + len(extra), dtype=VERTEX)
+    vertices["position"][:n] = model.vertices[faces[:, 2]] - origin
+    vertices["position"][n:] = model.vertices[extra] - origin
+    if is_target:
+        vertices["face_id"][:n] = clusters.order + 1
+        vertices["normal"][:n] = model.normals[clusters.order]
+    indices = np.zeros((n, 3), dtype=np.uint32)
+    indices[:, :2] = serves[faces[:, :2]]
+    indices[:, 2] = np.arange(n)
+    return vertices, indices
+
+
+def _position_layout(
+    clusters: Clusters, origin: Floats
+) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
+    """Return vertices, each once and in the order the faces come to them, and (F', 3) indices."""
+    faces = clusters.model.faces[clusters.order]
+    corners = faces.ravel()
+    first = np.full(len(clusters.model.vertices), len(corners), dtype=np.int64)
+    np.minimum.at(first, corners, np.arange(len(corners)))
+    used = np.flatnonzero(first < len(corners))
+    used = used[np.argsort(first[used])]
+    number = np.zeros(len(first), dtype=np.uint32)
+    number[used] = np.arange(len(used))
+    vertices = np.zeros(len(used), dtype=[("position", "f4", 3)])
+    vertices["position"] = clusters.model.vertices[used] - origin
+    return vertices, number[faces]
+
+
+@cache
+def compiled(name: str, *defines: str) -> Any:
+    """Return the compiled program of ``shaders/<name>.*.glsl``."""
+    try:
+        return gl_context().program(
+            vertex_shader=shader_source(f"{name}.vert.glsl", *defines),
+            fragment_shader=shader_source(f"{name}.frag.glsl", *defines),
+        )
+    except moderngl.Error as error:
+        info = gl_info()
+        raise MachineError(
+            f"shaders/{name}.*.glsl did not compile on {info.renderer} ({info.version}): {error}"
+        ) from error
