@@ -263,6 +263,7 @@ def optimize(
                 checkpoint=folder.checkpoint,
                 resume=resume is not None,
                 extend=extend,
+                with_reach=True,
             )
         _say_that_pictures_come(not no_pictures)
         failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)

@@ -125,16 +125,24 @@ class Evaluator:
 
     def visibility(self, position: ArrayLike) -> list[VisibilityMap]:
         """Return the visibility maps of one position (D,), one a model."""
-        return self.visibility_of_poses(self.study.rig.poses(np.asarray(position, float)[None])[0])
+        return next(self.each_visibility(np.asarray(position, float)[None]))
 
     def visibility_of_poses(self, camera_to_world: Floats) -> list[VisibilityMap]:
         """Return the visibility maps of given poses (S, 4, 4) of the sensors, one a model."""
+        return next(self._each_map(camera_to_world[None]))
+
+    def each_visibility(self, positions: ArrayLike) -> Iterator[list[VisibilityMap]]:
+        """Yield the visibility maps, one a model, position by position of (P, D)."""
+        return self._each_map(self.study.rig.poses(positions))
+
+    def _each_map(self, poses: Floats) -> Iterator[list[VisibilityMap]]:
+        """Yield the maps of poses (P, S, 4, 4), one a model."""
         names = self.study.rig.sensor_names
-        bits = next(self._bits(camera_to_world[None], range(len(names))))
-        return [
-            VisibilityMap(model.name, names, self._visible(bits, m).view(bool))
-            for m, model in enumerate(self.study.models)
-        ]
+        for bits in self._bits(poses, range(len(names))):
+            yield [
+                VisibilityMap(model.name, names, self._visible(bits, m).view(bool))
+                for m, model in enumerate(self.study.models)
+            ]
 
     @property
     def warnings(self) -> list[str]:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.inputs.study import Study
 from glvis.optim.checkpoint import read_checkpoint
 from glvis.optim.evaluator import Evaluator
+from glvis.optim.reach import Reach, sampled_reach
 from glvis.optim.run import Progress, Run
 from glvis.optim.search import TraceRow
 from glvis.optim.workers import Workers
@@ -71,6 +72,8 @@ class Placement:
         Processes that drew.
     warnings : tuple of str
         What went wrong without harm to the result, such as a worker that was replaced.
+    reach : Reach, optional
+        What could be seen at best, where that was sampled.
     """
 
     study: Study
@@ -89,6 +92,7 @@ class Placement:
     gl: GlInfo
     workers: int = 1
     warnings: tuple[str, ...] = ()
+    reach: Reach | None = None
 
 
 def evaluate_poses(
@@ -149,6 +153,7 @@ def place_sensors(
     checkpoint: Path | None = None,
     resume: bool = False,
     extend: int = 0,
+    with_reach: bool = False,
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
@@ -169,6 +174,9 @@ def place_sensors(
         Go on from ``checkpoint``; the numbers are those of a run that was never broken off.
     extend : int
         Iterations to add, with ``resume``.
+    with_reach : bool
+        Sample what could be seen at best, too; at most as many maps again as the search
+        rendered. Ctrl-C ends that as well.
 
     Raises
     ------
@@ -211,6 +219,7 @@ def place_sensors(
         x, poses = run.best_position, study.rig.poses(run.best_position)
         counted = run.evaluations, evaluator.maps_rendered
         maps, by_model, value = _seen(evaluator, poses)
+        reach = sampled_reach(evaluator, maps, counted[1], interrupted) if with_reach else None
         return Placement(
             study=study,
             position=x,
@@ -228,6 +237,7 @@ def place_sensors(
             gl=evaluator.gl,
             workers=workers,
             warnings=tuple(run.warnings),
+            reach=reach,
         )
 
 

@@ -2,7 +2,8 @@
 
 Every unseen face gets one reason: that of the sensor that came closest to seeing it. So the
 areas of the reasons add up to the unseen area. Judged at the face's centre of mass, as the
-criterion "centroid" does; with the paper's semantics by its rules for vertices.
+criterion "centroid" does; with the paper's semantics by its rules for vertices. What no allowed
+pose sees is out of reach, whatever else kept a sensor from seeing it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# From the farthest from being seen to the nearest; the order in which a sensor's rules ask.
+# From the farthest from being seen to the nearest; the order in which a sensor's rules ask. The
+# last two stand above them all.
 REASONS = (
     "nothing looks there",
     "turned away",
@@ -35,8 +37,11 @@ REASONS = (
     "hidden by an obstacle",
     "smaller than a pixel",
     "no area",
+    "out of reach",
 )
-_OUTSIDE, _BACK, _FAR, _NEAR, _OBLIQUE, _HIDDEN, _OBSTRUCTED, _TINY, _NO_AREA = range(len(REASONS))
+_OUTSIDE, _BACK, _FAR, _NEAR, _OBLIQUE, _HIDDEN, _OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE = range(
+    len(REASONS)
+)
 SEEN = -1
 
 
@@ -88,6 +93,9 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     if options.criterion == "pixels" and not takes_second_look(options):
         by_centre = replace(options, criterion="centroid", min_pixels=1)
         _tell_from_hidden(placement, found, _TINY, replace(study, visibility=by_centre))
+    if placement.reach:
+        for reasons, by in zip(found, placement.reach.sensors, strict=True):
+            reasons[(by == 0) & (reasons != _NO_AREA)] = _NOWHERE
     return found
 
 

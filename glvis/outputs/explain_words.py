@@ -56,6 +56,9 @@ def _unseen_lines(placement: Placement, reasons: list[Integers]) -> Iterator[str
         ]
     )
     yield "Unseen area and why, by the sensor that came closest to seeing it"
+    reach = placement.reach
+    if reach:
+        yield f"  (out of reach: no allowed pose sees it, {reach.positions:,} positions tried)"
     for model, row in zip(models, shares, strict=True):
         told = [
             f"{row[k]:.1f} % {REASONS[k]}" for k in np.argsort(-row, kind="stable") if row[k] > 0.05

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from glvis.errors import StudyError
 from glvis.inputs.study import Study, load_study
 from glvis.optim.placement import Placement, TraceRow
+from glvis.optim.reach import Reach
 from glvis.outputs.folder import INDEX, STUDY, read_index
-from glvis.outputs.result import MAPS, SCHEMA, SENSOR_NAMES, TRACE, sha256
+from glvis.outputs.result import MAPS, REACH, SCHEMA, SENSOR_NAMES, TRACE, sha256
 from glvis.sight.context import GlInfo
 from glvis.sight.visibility import VisibilityMap
 
@@ -65,6 +66,7 @@ def read_result(directory: str | Path) -> Placement:
             gl=GlInfo(**index["gl"]),
             workers=index["run"]["workers"],
             warnings=tuple(index["warnings"]),
+            reach=_read_reach(directory / REACH, index.get("reach"), study),
         )
     except StudyError:
         raise
@@ -141,6 +143,18 @@ def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:
         if names != study.sensor_names or found.visible.shape != expected:
             raise StudyError(f"{path}: its maps are not those of the study")
     return maps
+
+
+def _read_reach(path: Path, told: Mapping[str, Any] | None, study: Study) -> Reach | None:
+    """Return what could be seen at best, None where nobody looked."""
+    if told is None:
+        return None
+    with np.load(path, allow_pickle=False) as arrays:
+        sensors = tuple(arrays[model.name] for model in study.models)
+    for by, model in zip(sensors, study.models, strict=True):
+        if by.shape != (model.n_faces,):
+            raise StudyError(f"{path}: its faces are not those of the study")
+    return Reach(sensors, told["positions"], told["maps_rendered"], told["growth"])
 
 
 def _read_trace(path: Path) -> tuple[TraceRow, ...]:

@@ -6,6 +6,7 @@ from glvis.optim.placement import Placement
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.result import versions
 from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.viewer.page import PageData, PageModel, PageObstacle, PageSensor, PageTable, PageTrace
 
 _COLUMNS = {
@@ -44,7 +45,7 @@ def page_data(placement: Placement) -> PageData:
             )
         ],
         obstacles=[PageObstacle(m.name, m.vertices, m.faces) for m in study.obstacles],
-        tables=[_coverage(placement), _sensors(placement)],
+        tables=[_coverage(placement), *_reach(placement), _sensors(placement)],
         trace=_trace(placement),
         facts=_facts(placement),
         mounting=mounting_lines(placement),
@@ -67,6 +68,13 @@ def _coverage(placement: Placement) -> PageTable:
         body.append(["mean", *(mean[name] for name in _COLUMNS), *shares])
     header = ["model", *_COLUMNS.values(), *(f"by {n}+ %" for n in several)]
     return PageTable("Faces seen", header, body)
+
+
+def _reach(placement: Placement) -> list[PageTable]:
+    if placement.reach is None:
+        return []
+    header, rows = reach_table(placement, len(placement.study.sensors))
+    return [PageTable("Within reach", header, rows, reach_words(placement.reach))]
 
 
 def _sensors(placement: Placement) -> PageTable:

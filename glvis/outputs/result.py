@@ -26,10 +26,12 @@ from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement, TraceRow
 from glvis.outputs.folder import INDEX, STUDY, files_below, write_index
 from glvis.outputs.tables import mean_row, mean_terms, model_rows, sensor_rows
+from glvis.outputs.within_reach import reach_rows
 from glvis.sight.visibility import render_resolution
 
 SCHEMA = 1
 COVERAGE, SENSORS, TRACE, MAPS = "coverage.csv", "sensors.csv", "trace.csv", "visibility.npz"
+REACH = "reach.npz"
 
 SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
 _PACKAGES = ("moderngl", "glcontext", "numpy", "trimesh", "pyswarms", "scipy", "pillow")
@@ -84,6 +86,9 @@ def write_data(placement: Placement, directory: Path) -> None:
     _write_csv(directory / TRACE, TraceRow._fields, placement.trace)
     arrays = {found.model_name: found.visible for found in placement.maps}
     write_npz(directory / MAPS, arrays | {SENSOR_NAMES: np.array(study.sensor_names)})
+    if placement.reach:
+        names = (model.name for model in study.models)
+        write_npz(directory / REACH, dict(zip(names, placement.reach.sensors, strict=True)))
 
 
 def write_summary(placement: Placement, directory: Path, warnings: Sequence[str] = ()) -> None:
@@ -223,6 +228,7 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
             "evaluations": placement.evaluations,
             "maps_rendered": placement.maps_rendered,
         },
+        "reach": _reach(placement),
         "warnings": [*placement.warnings, *warnings],
         "run": {
             "finished": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
@@ -236,6 +242,29 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
             "backend": placement.gl.backend,
         },
         "versions": versions(),
+    }
+
+
+def _reach(placement: Placement) -> dict[str, Any] | None:
+    """Return what could be seen at best, None where nobody looked."""
+    reach = placement.reach
+    if reach is None:
+        return None
+    return {
+        "positions": reach.positions,
+        "maps_rendered": reach.maps_rendered,
+        "growth": reach.growth,
+        "models": [
+            {
+                "name": row.name,
+                "percentage": row.percentage,
+                "area_percentage": row.area_percentage,
+                "seen_of_it_percentage": row.seen_of_it,
+                "area_seen_of_it_percentage": row.area_seen_of_it,
+                "share_by": {str(n): share for n, share in enumerate(row.shares_by, 1) if n > 1},
+            }
+            for row in reach_rows(placement.study.models, placement.maps, reach)
+        ],
     }
 
 

@@ -10,6 +10,7 @@ from glvis.inputs.estimate import Cost, share_below_a_pixel, working_distance
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
 from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.sight.visibility import render_resolution, takes_second_look
 from glvis.terminal import duration, table
 
@@ -118,7 +119,7 @@ def result_lines(placement: Placement) -> Iterator[str]:
     rows = model_rows(study.models, placement.maps, study.objective)
     most = min(4, len(study.sensors))  # columns; the files have them all
     several = range(2, most + 1)
-    header = ("model", "seen by all", "unique", "total", "seen %", "area %")
+    columns = ("model", "seen by all", "unique", "total", "seen %", "area %")
     body: list[tuple[object, ...]] = [
         (
             row.name,
@@ -145,8 +146,13 @@ def result_lines(placement: Placement) -> Iterator[str]:
             )
         )
     yield "Faces seen"
-    yield from table((*header, *(f"by {n}+ %" for n in several)), body)
+    yield from table((*columns, *(f"by {n}+ %" for n in several)), body)
     yield ""
+    if placement.reach:
+        header, numbers = reach_table(placement, most)
+        yield reach_words(placement.reach)
+        yield from table(header, [[name, *map("{:.1f}".format, row)] for name, *row in numbers])
+        yield ""
     yield "Sensors: what each sees, and what only it sees, in % of the faces (mean over models)"
     yield from table(
         ("sensor", "sees %", "only it %"),
