@@ -171,7 +171,8 @@ class ScriptSearch:
         """The most iterations there can be, at the cost of those so far."""
         spent = max(1, self._problem.maps_rendered)
         guess = math.ceil((self.iteration + 1) * self._problem.max_maps / spent) - 1
-        return max(self.iteration, guess, self._beyond)
+        at_least = self.iteration if self.stop_reason else self.iteration + 1
+        return max(at_least, guess, self._beyond)
 
     def ask(self) -> Floats:
         """Return the positions (P, D) to evaluate next.
