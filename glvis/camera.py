@@ -180,6 +180,21 @@ def rigid_inverse(pose: ArrayLike) -> Array:
     return inverse
 
 
+def distance_and_angle(first: ArrayLike, second: ArrayLike) -> tuple[Array, Array]:
+    """Return how far apart poses lie: distance of the places, angle of the turn, radians.
+
+    Parameters
+    ----------
+    first, second : (..., 4, 4) float
+        Rigid camera-to-world matrices; shapes broadcast.
+    """
+    a, b = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    distance = np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1)
+    # from the chord: exact for small angles, where the trace is not
+    chord = np.linalg.norm(a[..., :3, :3] - b[..., :3, :3], axis=(-2, -1)) / math.sqrt(8)
+    return distance, 2 * np.arcsin(np.minimum(chord, 1.0))
+
+
 def projection_matrix(tan_half: ArrayLike, clip_near: ArrayLike, clip_far: ArrayLike) -> Array:
     """Return OpenGL perspective projections of pinhole cameras.
 

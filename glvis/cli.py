@@ -14,12 +14,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from glvis import __version__
-from glvis.cli_options import NoPictures, Output, Overwrite, Set, StudyFile
+from glvis.cli_options import (
+    DryRun,
+    NoPictures,
+    Output,
+    Overwrite,
+    Repeats,
+    Set,
+    StudyFile,
+    Sweep,
+)
 from glvis.cli_results import commands as commands_about_results
 from glvis.errors import MachineError, StudyError
 
 if TYPE_CHECKING:
     from glvis.inputs.study import Study
+    from glvis.optim.placement import Placement
 
 app = typer.Typer(
     name="glvis",
@@ -113,8 +123,10 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     """Read a study, say what is in it, what it will cost and what will disappoint.
 
     Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
-    resolution of the renders, the OpenGL driver, and how long a full run takes here.
+    resolution of the renders, the OpenGL driver, and how long a full run takes here; of a study
+    with a table [sweep] all its runs.
     """
+    from glvis.cli_series import say_plan
     from glvis.inputs.estimate import measured_cost
     from glvis.inputs.study import load_study
     from glvis.optim.workers import available_cores
@@ -129,6 +141,9 @@ def check(study: StudyFile, overrides: Set = None) -> None:
         say(f"Warning: {warning}")
     for line in cost_lines(measured_cost(loaded), available_cores()):
         say(line)
+    if loaded.sweep:
+        say()
+        say_plan(loaded, overrides or ())
 
 
 @app.command(
@@ -182,7 +197,8 @@ def evaluate(
 @app.command(
     epilog="Examples:  glvis optimize scenes/arm.toml -o out/arm  or a shorter run:  glvis "
     "optimize scenes/arm.toml -o out/try --set swarm.particles=50 --set swarm.iterations=30  "
-    "or go on with one:  glvis optimize --resume out/arm --extend 50"
+    "or go on with one:  glvis optimize --resume out/arm --extend 50  or how many sensors it "
+    "takes:  glvis optimize scenes/kitchen-4.toml -o out/many --sweep mounts=2,3,4 --repeats 3"
 )
 def optimize(
     study: Annotated[
@@ -219,6 +235,9 @@ def optimize(
     extend: Annotated[
         int, typer.Option(min=0, help="Iterations to add to a search, with --resume.")
     ] = 0,
+    repeats: Repeats = None,
+    sweep: Sweep = None,
+    dry_run: DryRun = False,
     no_pictures: NoPictures = False,
 ) -> None:
     """Search the poses that see most.
@@ -228,14 +247,31 @@ def optimize(
 
     Writes what 'evaluate' writes, trace.csv (best and mean value of each iteration) and
     checkpoint.npz (what --resume needs).
+
+    With --repeats, --sweep or a table [sweep] in the study: many searches, each a result in a
+    folder of its own, run-01 ..., with a table, a plot and a summary of all. Pictures are made
+    of the best run. --resume goes on with the runs that have not finished.
     """
+    from glvis.cli_series import optimize_many
     from glvis.inputs.study import load_study
     from glvis.optim.placement import place_sensors
     from glvis.optim.workers import available_cores
     from glvis.outputs.delivery import deliver, summary_of_files
-    from glvis.outputs.folder import STUDY, result_folder
+    from glvis.outputs.folder import STUDY, result_folder, series_index
     from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
+
+    def search(loaded: Study, checkpoint: Path, goes_on: bool) -> Placement:
+        with progress_shown() as show:
+            return place_sensors(
+                loaded,
+                workers=workers or available_cores(),
+                on_iteration=show,
+                checkpoint=checkpoint,
+                resume=goes_on,
+                extend=extend,
+                with_reach=True,
+            )
 
     if study and study.is_dir() and not resume:
         study, resume = None, study
@@ -244,10 +280,18 @@ def optimize(
     if resume and output:
         raise StudyError("-o: a search that goes on writes into its own folder, --resume DIR")
     directory = resume or output
-    if directory is None or not (study or resume):
+    if not (study or resume) or (directory is None and not dry_run):
         raise StudyError("needs STUDY and -o DIR, or --resume DIR; 'glvis optimize --help'")
     settings = [*(overrides or ()), *([] if seed is None else [f"swarm.seed={seed}"])]
     early = load_study(study, settings) if study else None  # before any folder is made
+    if repeats or sweep or dry_run or (early and early.sweep) or (resume and series_index(resume)):
+        optimize_many(
+            directory, early, settings, search, sweeps=sweep or (), repeats=repeats,
+            dry_run=dry_run, resume=resume is not None, extend=extend, overwrite=overwrite,
+            warnings=_warnings, pictures=not no_pictures,
+        )  # fmt: skip
+        return
+    assert directory
     with result_folder(directory, overwrite=overwrite, resume=resume is not None) as folder:
         loaded = early or load_study(folder.staging / STUDY, settings)
         if not resume:
@@ -255,16 +299,7 @@ def optimize(
         warnings = _warnings(loaded)
         for warning in warnings:  # before the hours that they may cost
             say(f"Warning: {warning}", error=True)
-        with progress_shown() as show:
-            placement = place_sensors(
-                loaded,
-                workers=workers or available_cores(),
-                on_iteration=show,
-                checkpoint=folder.checkpoint,
-                resume=resume is not None,
-                extend=extend,
-                with_reach=True,
-            )
+        placement = search(loaded, folder.checkpoint, resume is not None)
         _say_that_pictures_come(not no_pictures)
         failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
     for line in result_lines(placement):

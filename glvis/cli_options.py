@@ -18,7 +18,7 @@ Set = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="A value in place of the study's, such as swarm.particles=100 or "
-        "mount.A1.roll_deg=0. May be given many times.",
+        "mount.A1.roll_deg=0; mounts=3 keeps the first three mounts. May be given many times.",
     ),
 ]
 Overwrite = Annotated[
@@ -27,4 +27,20 @@ Overwrite = Annotated[
 ]
 NoPictures = Annotated[
     bool, typer.Option("--no-pictures", help="Leave the pictures out; 'render' makes them later.")
+]
+Repeats = Annotated[
+    int | None,
+    typer.Option(min=1, help="Runs with this many seeds; says how much their results differ."),
+]
+Sweep = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sweep",
+        metavar="KEY=VALUE,VALUE,...",
+        help="Runs with each of the values, as mounts=2,3,4 or objective.kind=of1,of2; the same "
+        "as a table [sweep] in the study. Given many times: every combination.",
+    ),
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Only list the runs and the maps they cost.")
 ]

@@ -58,6 +58,7 @@ ARROWS = {
     "tables": "objective scene visibility",
     "within_reach": "placement reach scene visibility",
     "estimate": "context evaluator scene sensor study",
+    "sweep": "errors estimate overrides sensor study",
     "result": "camera folder placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result study visibility",
     "framing": "camera",
@@ -66,6 +67,7 @@ ARROWS = {
     "glyphs": "sensor",
     "sheet": "coloring places",
     "plots": "palette",
+    "seriesplots": "palette plots",
     "stage": "camera coloring framing glyphs palette sensor shading study visibility",
     "scenesheets": "camera coloring framing places sheet stage",
     "sensorsheets": "coloring palette places scenesheets sheet stage",
@@ -77,6 +79,9 @@ ARROWS = {
     "report": "mounting page placement result tables within_reach",
     "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
     " reading report result",
+    "spread": "camera errors estimate folder placement sensor sweep",
+    "series_tables": "folder overrides reading result seriesplots spread sweep",
+    "series": "delivery errors folder placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "estimate placement study tables terminal visibility within_reach",
@@ -84,14 +89,17 @@ ARROWS = {
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting placement schema visibility",
     "tolerance_words": "mounting placement terminal tolerance",
-    "compare": "coloring palette placement scene scenesheets sheet stage tables terminal",
+    "series_words": "series_tables spread sweep terminal",
+    "compare": "camera coloring palette placement scene scenesheets sheet stage tables terminal",
     "starter_meshes": "",
     "starter": "camera errors scene schema sensor starter_meshes",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
-    "cli": "checks cli_options cli_results delivery doctor errors estimate folder placement reading"
-    " starter study terminal wording workers",
+    "cli_series": "delivery errors placement series series_tables series_words study sweep"
+    " terminal",
+    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
+    " placement reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",
@@ -106,7 +114,7 @@ DOORS = {
     "trimesh": "scene",
     "pyswarms": "swarm",
     "pydantic": "schema complaints study",
-    "typer": "cli cli_options cli_results",
+    "typer": "cli cli_options cli_results cli_series",
     "embreex": "",  # the rival that tools/bench measures; never part of the product
 }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -60,17 +60,12 @@ def write_convergence(
     size : tuple of int
         Pixels (width, height).
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not trace:
         raise ValueError("a search without steps cannot be plotted")
     evaluations = np.array([row.evaluations for row in trace], dtype=float)
     best = np.array([row.best for row in trace], dtype=float)
     mean = np.array([row.mean for row in trace], dtype=float)
-    dpi = _DPI * min(size[0] / 1600, size[1] / 1000)
-    figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(size)
     axes = figure.add_subplot()
     blue, orange = OKABE_ITO[0], OKABE_ITO[5]
     marker = "o" if len(trace) < 25 else None
@@ -96,11 +91,32 @@ def write_convergence(
     axes.set_xlabel("evaluations of the objective")
     axes.set_ylabel(quantity)
     axes.set_title(title, loc="left", fontweight="bold", fontsize=11)
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace(",", " "))
-    axes.grid(True, color="0.9", lw=0.8)
-    axes.set_axisbelow(True)
+    spaced_thousands(axes)
+    dress(axes)
     axes.margins(x=0.01)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
     axes.legend(frameon=False, loc="lower right")
     figure.savefig(path, format="png")
+
+
+def new_figure(size: tuple[int, int]) -> Any:
+    """Return an empty figure of so many pixels (width, height), its text as large as they allow."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    dpi = _DPI * min(size[0] / 1600, size[1] / 1000)
+    figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def dress(axes: Any) -> None:
+    """Give axes a pale grid behind the data and no box around it."""
+    axes.grid(True, color="0.9", lw=0.8)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def spaced_thousands(axes: Any) -> None:
+    """Write large numbers along x as 12 000."""
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace(",", " "))

@@ -83,13 +83,13 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
             float(np.median(times)),
             len(times),
             len(study.sensors) * len(study.models),
-            _run_maps(study),
+            run_maps(study),
             min((limit for limit in limits if limit is not None), default=math.inf),
             evaluator.gl,
         )
 
 
-def _run_maps(study: Study) -> int:
+def run_maps(study: Study) -> int:
     """Return how many maps a run may render."""
     if not study.variables:
         return 0

@@ -7,8 +7,9 @@ changed values written in.
 from __future__ import annotations
 
 import copy
+import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import tomlkit
@@ -21,8 +22,12 @@ from glvis.inputs.schema import StudyTable, catalogue, sensor_table
 # Values by the keys (and places in lists) that lead to them.
 Changes = dict[tuple[str | int, ...], Any]
 
+REMOVED = object()  # as a value of Changes: what is there goes
+MOUNTS = "mounts"  # no key of a study: how many of its mounts stay
+
 # Tables that a file may leave out and an override may open.
-_TABLES = ("scene", "visibility", "objective", "swarm", "search")
+_TABLES = ("scene", "visibility", "objective", "swarm", "search", "sweep")
+_NAME = re.compile(r"[^\W\d]\w*")
 
 
 def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Changes]:
@@ -34,12 +39,14 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
         The file as TOML reads it; left as it is.
     overrides : sequence of str
         "swarm.particles=100", "mount.A1.roll_deg.start=5", "sensor.d415.max_distance=400".
-        Mounts go by their name. Values are TOML, or else text as it stands.
+        Mounts go by their name. Values are TOML, or else text as it stands. "mounts=3" keeps
+        the first three mounts, and drops the variables that only the others used.
 
     Raises
     ------
     StudyError
-        If one has no "=", or leads to a table that is not there.
+        If one has no "=", leads to a table that is not there, or keeps more mounts than there
+        are.
     """
     data = copy.deepcopy(data)
     changes: Changes = {}
@@ -48,11 +55,16 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
         try:
             if not equals:
                 raise StudyError("must have the form KEY=VALUE")
-            path = _path(key.strip(), data, changes)
+            if key.strip() == MOUNTS:
+                found: Changes = dict.fromkeys(_beyond(toml_value(value), data), REMOVED)
+            else:
+                found = {_path(key.strip(), data, changes): toml_value(value)}
         except StudyError as error:
             raise StudyError(f"override '{text}' {error}") from None
-        changes[path] = _value(value.strip())
-        _assign(data, path, changes[path])
+        for path, new in found.items():
+            changes.pop(path, None)  # the order of changes is that of the overrides
+            changes[path] = new
+            _assign(data, path, new)
     return data, changes
 
 
@@ -75,13 +87,38 @@ def written(source: str, changes: Changes) -> str:
     return tomlkit.dumps(plain)
 
 
-def _value(text: str) -> Any:
+def toml_value(text: str) -> Any:
     """Return a value as TOML reads it, or the text itself."""
+    text = text.strip()
     try:
         found = tomllib.loads(f"value = {text}")
     except tomllib.TOMLDecodeError:
         return text
     return found["value"] if len(found) == 1 else text
+
+
+def _beyond(count: Any, data: dict[str, Any]) -> Iterator[tuple[str | int, ...]]:
+    """Yield what goes where the first ``count`` mounts stay: mounts, variables they alone used."""
+    mounts, variables = data.get("mount"), data.get("variables", {})
+    if not isinstance(mounts, list) or not isinstance(variables, dict):
+        raise StudyError("finds no list of mounts")
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(mounts):
+        raise StudyError(f"must be a whole number from 1 to {len(mounts)}, the study's mounts")
+    for place in reversed(range(count, len(mounts))):  # from the end: the others keep theirs
+        yield "mount", place
+    still = _used(mounts[:count], variables)
+    for name in sorted(_used(mounts[count:], variables) - still):
+        yield "variables", name
+
+
+def _used(node: Any, variables: Mapping[str, Any]) -> set[str]:
+    """Return the variables that texts in nested tables name, and those that these name."""
+    if isinstance(node, dict | list):
+        parts = node.values() if isinstance(node, dict) else node
+        return set().union(*(_used(part, variables) for part in parts))
+    names = set(_NAME.findall(node)) & {*variables} if isinstance(node, str) else set()
+    others = {name: value for name, value in variables.items() if name not in names}
+    return names.union(*(_used(variables[name], others) for name in names))
 
 
 def _path(key: str, data: dict[str, Any], changes: Changes) -> tuple[str | int, ...]:
@@ -166,24 +203,31 @@ def _item(path: Sequence[str | int], value: Any) -> Any:
         table.update(value)
         table.add(tomlkit.nl())
         return table
-    item = tomlkit.value(_one_line(value))
+    if value is REMOVED:
+        return value
+    item = tomlkit.value(toml_text(value))
     if isinstance(item, TomlArray) and sum(len(str(entry)) for entry in item) > 80:
         item.multiline(True)
     return item
 
 
-def _one_line(value: Any) -> str:
-    """Return a value in TOML, tables in braces."""
+def toml_text(value: Any) -> str:
+    """Return a value in TOML on one line, tables in braces."""
     if not isinstance(value, dict):
         return tomlkit.item(value).as_string()
-    pairs = (f"{tomlkit.key(key).as_string()} = {_one_line(v)}" for key, v in value.items())
+    pairs = (f"{tomlkit.key(key).as_string()} = {toml_text(v)}" for key, v in value.items())
     return "{ " + ", ".join(pairs) + " }"
 
 
 def _assign(node: Any, path: Sequence[str | int], value: Any) -> None:
-    """Set a value in nested tables, of plain dicts or of tomlkit."""
+    """Set, or remove, a value in nested tables, of plain dicts or of tomlkit."""
     for part in path[:-1]:
         if isinstance(node, dict) and part not in node:
             node[part] = {}
         node = node[part]
-    node[path[-1]] = copy.deepcopy(value)
+    if value is not REMOVED:
+        node[path[-1]] = copy.deepcopy(value)
+    elif isinstance(node, dict):
+        node.pop(path[-1], None)
+    else:
+        del node[path[-1]]

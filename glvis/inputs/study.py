@@ -9,7 +9,7 @@ from __future__ import annotations
 import glob
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +21,7 @@ from glvis.errors import StudyError
 from glvis.inputs.complaints import first_error
 from glvis.inputs.expressions import nearest
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
-from glvis.inputs.overrides import overridden, written
+from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.scene import Model, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
@@ -63,6 +63,9 @@ class Study:
         How the swarm searches.
     search : SearchOptions
         Which method searches, and what it may spend.
+    sweep : dict
+        The table ``[sweep]`` as written: no part of this study, nor of ``text``; see
+        ``sweep.plan_runs``.
     """
 
     path: Path
@@ -78,6 +81,7 @@ class Study:
     objective: Objective
     swarm: SwarmOptions
     search: SearchOptions = field(default_factory=SearchOptions)
+    sweep: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -132,6 +136,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     changes["scene", "models"] = [str(file) for file in model_paths]
     if obstacle_paths:
         changes["scene", "obstacles"] = [str(file) for file in obstacle_paths]
+    if "sweep" in data:
+        changes = {path: new for path, new in changes.items() if path[0] != "sweep"}
+        changes["sweep",] = REMOVED
     return Study(
         path=path,
         text=written(source, changes),
@@ -146,6 +153,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         objective=objective,
         swarm=swarm,
         search=search,
+        sweep=table.sweep,
     )
 
 

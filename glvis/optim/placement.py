@@ -34,6 +34,7 @@ __all__ = ["Placement", "Progress", "TraceRow", "evaluate_poses", "place_sensors
 Floats = NDArray[np.float64]
 
 ONLY_EVALUATED = "evaluated only"
+INTERRUPTED = "interrupted"  # how the reason to stop begins where somebody wanted it
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +207,7 @@ def place_sensors(
             run.keep_to_budget()
             while run.search.stop_reason is None:
                 if not run.iterate(interrupted):
-                    run.search.stop(f"interrupted: {interrupted[0]}")
+                    run.search.stop(f"{INTERRUPTED}: {interrupted[0]}")
                     break
                 run.save()
                 run.keep_to_budget()
@@ -215,7 +216,7 @@ def place_sensors(
         except KeyboardInterrupt:  # whoever else raised it means the same
             if interrupted:
                 raise
-            run.search.stop("interrupted: Ctrl-C")
+            run.search.stop(f"{INTERRUPTED}: Ctrl-C")
         x, poses = run.best_position, study.rig.poses(run.best_position)
         counted = run.evaluations, evaluator.maps_rendered
         maps, by_model, value = _seen(evaluator, poses)

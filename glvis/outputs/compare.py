@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.camera import distance_and_angle
 from glvis.drawing.coloring import STRIPED, Coloring, Swatch, coloring, share
 from glvis.drawing.palette import OKABE_ITO, SEEN_COLOR, UNSEEN_COLOR, rgb
 from glvis.drawing.scenesheets import close_sheet, perspective_sheet
@@ -140,11 +141,8 @@ def sensor_moves(first: Placement, second: Placement) -> list[tuple[str, float, 
     moves = []
     for name, a in zip(first.study.sensor_names, first.camera_to_world, strict=True):
         if name in places:
-            b = places[name]
-            far = float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
-            # from the chord: exact for small angles, where the trace is not
-            chord = float(np.linalg.norm(a[:3, :3] - b[:3, :3])) / math.sqrt(8)
-            moves.append((name, far, math.degrees(2 * math.asin(min(1.0, chord)))))
+            far, turn = distance_and_angle(a, places[name])
+            moves.append((name, float(far), math.degrees(turn)))
     return moves
 
 

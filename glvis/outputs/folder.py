@@ -12,7 +12,7 @@ import filecmp
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from glvis.errors import MachineError, StudyError
 INDEX = "result.json"  # names every file of the result; written last
 CHECKPOINT = "checkpoint.npz"
 STUDY = "study.toml"
+SERIES = ("sweep.json", "repeats.json")  # the index of a folder with many runs
 _STAGING = "unfinished"
 # a list of numbers over several lines; a text in JSON never has a line break inside
 _NUMBERS = re.compile(r'\[(\n[^\[\]{}"]*)\]')
@@ -55,14 +56,14 @@ class ResultFolder:
     def __init__(self, path: Path, *, overwrite: bool = False, resume: bool = False) -> None:
         self.path = path
         self.staging = path / _STAGING
-        with _machine_errors(path):
+        with machine_errors(path):
             if path.exists() and not path.is_dir():
                 raise StudyError(f"{path}: is a file; the result needs a folder")
             if resume:
                 self._refuse_nothing_to_go_on_with()
             else:
                 self._refuse_what_is_there(overwrite)
-            self._made = _made_folders(path)
+            self._made = made_folders(path)
             try:
                 if self.staging.exists() and not resume:
                     shutil.rmtree(self.staging)
@@ -82,7 +83,7 @@ class ResultFolder:
 
     def keep_study(self, text: str) -> None:
         """Write the study as run beside the checkpoint, for a search to go on from."""
-        with _machine_errors(self.path):
+        with machine_errors(self.path):
             (self.staging / STUDY).write_text(text, encoding="utf-8")
 
     def commit(self) -> None:
@@ -93,7 +94,7 @@ class ResultFolder:
         MachineError
             If a file cannot be renamed; those not yet in place stay in ``staging``.
         """
-        with _machine_errors(self.path):
+        with machine_errors(self.path):
             old = manifest(self.path)
             (self.path / INDEX).unlink(missing_ok=True)
             _put_in_place(self.staging, self.path, old)
@@ -138,7 +139,7 @@ class ResultFolder:
         if self.checkpoint.exists():
             return
         for name in (STUDY, CHECKPOINT):
-            if not (self.path / name).is_file():
+            if not self._finished(name).is_file():
                 raise StudyError(
                     f"{self.path}: holds no search that could go on ({name} is missing)"
                 )
@@ -147,19 +148,33 @@ class ResultFolder:
         """Copy checkpoint and study of a finished result into ``staging``, to go on from."""
         if not self.checkpoint.exists():
             for name in (STUDY, CHECKPOINT):  # the checkpoint last: it says that all is there
-                shutil.copyfile(self.path / name, self.staging / name)
+                if self._finished(name) != self.staging / name:
+                    shutil.copyfile(self._finished(name), self.staging / name)
+
+    def _finished(self, name: str) -> Path:
+        """Return a file of a result; the study of one killed in `commit` may not be there yet."""
+        is_late = name == STUDY and not (self.path / name).exists()
+        return (self.staging if is_late else self.path) / name
 
     def _remove_empty(self) -> None:
         """Remove the folders that were made for this run and hold nothing."""
         for folder in reversed(self._made):
-            _remove_if_empty(folder)
+            remove_if_empty(folder)
 
 
 @contextmanager
 def result_folder(
-    path: Path, *, overwrite: bool = False, resume: bool = False
+    path: Path, *, overwrite: bool = False, resume: bool = False, series: Path | None = None
 ) -> Iterator[ResultFolder]:
-    """Give a folder to write into; commit it at the end, discard it if something is raised."""
+    """Give a folder to write into; commit it at the end, discard it if something is raised.
+
+    Parameters
+    ----------
+    path, overwrite, resume
+        See ``ResultFolder``.
+    series : Path, optional
+        Folder of the series that the run belongs to, and that one goes on with.
+    """
     folder = ResultFolder(path, overwrite=overwrite, resume=resume)
     try:
         yield folder
@@ -167,7 +182,8 @@ def result_folder(
     except BaseException as error:
         if folder.discard() and isinstance(error, MachineError):
             raise MachineError(
-                f"{error}; the search can go on from where it was: glvis optimize --resume {path}"
+                f"{error}; the search can go on from where it was: "
+                f"glvis optimize --resume {series or path}"
             ) from error
         raise
 
@@ -184,19 +200,33 @@ def renewed_files(path: Path, prefixes: Sequence[str] = ()) -> Iterator[Path]:
         Files of the result that begin so, as "views/", go unless they are written anew.
     """
     staging = path / f"{_STAGING}-files"
-    with _machine_errors(path):
+    with machine_errors(path):
         shutil.rmtree(staging, ignore_errors=True)
         staging.mkdir()
     try:
         yield staging
-        with _machine_errors(path):
+        with machine_errors(path):
             kept, new = manifest(path), files_below(staging)
             old = [name for name in kept if name.startswith(tuple(prefixes)) or name in new]
             names = {*kept} - {*old} | {*new}
             _put_in_place(staging, path, old)
-            write_index(path, read_index(path / INDEX) | {"files": sorted(names)})
+            write_index(path / INDEX, read_index(path / INDEX) | {"files": sorted(names)})
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+def remove_result(path: Path) -> None:
+    """Remove a result, whole or unfinished; and its folder, where nothing else is inside."""
+    if path.is_dir():
+        with machine_errors(path):
+            _remove(path, manifest(path))
+            shutil.rmtree(path / _STAGING, ignore_errors=True)
+            remove_if_empty(path)
+
+
+def can_resume(path: Path) -> bool:
+    """Return whether a folder holds the state of a search, cut off or ended."""
+    return any((folder / CHECKPOINT).is_file() for folder in (path, path / _STAGING))
 
 
 def files_below(folder: Path) -> list[str]:
@@ -232,7 +262,7 @@ def read_index(path: Path) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise StudyError(f"{path}: does not exist") from None
+        raise StudyError(f"{path}: does not exist{_hint_of_runs(path.parent)}") from None
     except OSError as error:
         raise StudyError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:  # not UTF-8, not JSON
@@ -242,14 +272,31 @@ def read_index(path: Path) -> dict[str, Any]:
     return found
 
 
-def write_index(folder: Path, content: Mapping[str, Any]) -> None:
-    """Write ``result.json`` into a folder, whole or not at all; floats are exact."""
+def write_index(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file such as ``result.json``, whole or not at all; floats are exact."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     # lists of numbers in one line each, as people write matrices
     text = _NUMBERS.sub(lambda found: "[" + " ".join(found[1].split()) + "]", text)
-    part = folder / f"{INDEX}.part"
-    part.write_text(text + "\n", encoding="utf-8")
-    part.replace(folder / INDEX)
+    write_whole(path, text + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file; until it is whole, the one before stays."""
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+def series_index(folder: Path) -> Path | None:
+    """Return the index of a folder that holds many runs, or None where it is no such folder."""
+    return next((folder / name for name in SERIES if (folder / name).is_file()), None)
+
+
+def _hint_of_runs(folder: Path) -> str:
+    """Return which of a folder's runs somebody may have meant, or nothing."""
+    index = series_index(folder)
+    runs = sorted(found.parent for found in folder.glob(f"run-*/{INDEX}")) if index else []
+    return f"; the folder holds many runs, name one, such as {runs[0]}" if runs else ""
 
 
 def _put_in_place(staging: Path, path: Path, old: Sequence[str]) -> None:
@@ -261,11 +308,16 @@ def _put_in_place(staging: Path, path: Path, old: Sequence[str]) -> None:
             target.rename(target.with_name(f"{target.name}.kept"))
         target.parent.mkdir(parents=True, exist_ok=True)
         (staging / name).replace(target)
-    for name in set(old) - set(new):
-        (path / name).unlink(missing_ok=True)
-    for folder in {(path / name).parent for name in old} - {path}:
-        _remove_if_empty(folder)
+    _remove(path, set(old) - set(new))
     shutil.rmtree(staging)
+
+
+def _remove(path: Path, names: Iterable[str]) -> None:
+    """Remove files of a folder, and the folders inside that hold nothing without them."""
+    for name in names:
+        (path / name).unlink(missing_ok=True)
+    for folder in sorted({(path / name).parent for name in names} - {path}, reverse=True):
+        remove_if_empty(folder)
 
 
 def _is_inside(name: object) -> bool:
@@ -273,14 +325,15 @@ def _is_inside(name: object) -> bool:
     return isinstance(name, str) and name != "" and not {"", "..", "."} & set(name.split("/"))
 
 
-def _made_folders(path: Path) -> list[Path]:
+def made_folders(path: Path) -> list[Path]:
     """Make a folder and those above it; return the new ones, outermost first."""
     missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     path.mkdir(parents=True, exist_ok=True)
     return missing[::-1]
 
 
-def _remove_if_empty(folder: Path) -> None:
+def remove_if_empty(folder: Path) -> None:
+    """Remove a folder unless something is in it."""
     try:
         folder.rmdir()
     except OSError as error:
@@ -289,7 +342,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 @contextmanager
-def _machine_errors(path: Path) -> Iterator[None]:
+def machine_errors(path: Path) -> Iterator[None]:
     """Say in one line what the file system refused."""
     try:
         yield

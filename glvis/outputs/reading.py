@@ -57,7 +57,7 @@ def read_result(directory: str | Path) -> Placement:
             value=index["objective"]["value"],
             values_by_model=np.array([row["value"] for row in index["models"]]),
             start_value=index["objective"]["start_value"],
-            trace=_read_trace(directory / TRACE),
+            trace=read_trace(directory / TRACE),
             stop_reason=index["search"]["stop_reason"],
             seed=index["search"]["seed"],
             seconds=index["run"]["seconds"],
@@ -157,7 +157,7 @@ def _read_reach(path: Path, told: Mapping[str, Any] | None, study: Study) -> Rea
     return Reach(sensors, told["positions"], told["maps_rendered"], told["growth"])
 
 
-def _read_trace(path: Path) -> tuple[TraceRow, ...]:
+def read_trace(path: Path) -> tuple[TraceRow, ...]:
     """Return the rows of ``trace.csv``."""
     kinds = get_type_hints(TraceRow)
     with path.open(newline="", encoding="utf-8") as file:

@@ -53,7 +53,7 @@ def write_data(placement: Placement, directory: Path) -> None:
     shares = [f"seen_by_{n}_percentage" for n in range(1, len(study.sensor_names) + 1)]
     columns = ["seen_by_all_cameras", "unique_seen", "total", "percentage", "area_percentage"]
     mean = mean_row(rows)
-    _write_csv(
+    write_csv(
         directory / COVERAGE,
         ["model", *columns, *shares[1:], "value"],
         [
@@ -74,7 +74,7 @@ def write_data(placement: Placement, directory: Path) -> None:
             ]
         ],
     )
-    _write_csv(
+    write_csv(
         directory / SENSORS,
         ["sensor", "kind", "seen", "seen_percentage", "only_it", "only_it_percentage"],
         [
@@ -83,7 +83,7 @@ def write_data(placement: Placement, directory: Path) -> None:
             for row, sensor in zip(sensor_rows(placement.maps), study.sensors, strict=True)
         ],
     )  # fmt: skip
-    _write_csv(directory / TRACE, TraceRow._fields, placement.trace)
+    write_csv(directory / TRACE, TraceRow._fields, placement.trace)
     arrays = {found.model_name: found.visible for found in placement.maps}
     write_npz(directory / MAPS, arrays | {SENSOR_NAMES: np.array(study.sensor_names)})
     if placement.reach:
@@ -104,7 +104,7 @@ def write_summary(placement: Placement, directory: Path, warnings: Sequence[str]
         Sentences to keep with the result, after those of the placement.
     """
     files = sorted({*files_below(directory), INDEX})
-    write_index(directory, _summary(placement, warnings) | {"files": files})
+    write_index(directory / INDEX, _summary(placement, warnings) | {"files": files})
 
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -290,7 +290,8 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table; every float is exact."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)

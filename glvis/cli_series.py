@@ -1,0 +1,141 @@
+"""Many searches by one command: repeats and sweeps, and what is said on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from glvis.errors import MachineError, StudyError
+
+if TYPE_CHECKING:
+    from glvis.inputs.study import Study
+    from glvis.inputs.sweep import Plan, PlannedRun
+    from glvis.optim.placement import Placement
+    from glvis.outputs.series import Search
+
+
+def say_plan(study: Study, settings: Sequence[str] = ()) -> None:
+    """List the runs of a study with a ``[sweep]``."""
+    from glvis.inputs.sweep import plan_runs
+    from glvis.outputs.series_words import plan_lines
+    from glvis.terminal import say
+
+    for line in plan_lines(plan_runs(study, settings)):
+        say(line)
+
+
+def optimize_many(
+    directory: Path | None,
+    study: Study | None,
+    settings: Sequence[str],
+    search: Search,
+    *,
+    sweeps: Sequence[str],
+    repeats: int | None,
+    dry_run: bool,
+    resume: bool,
+    extend: int,
+    overwrite: bool,
+    warnings: Callable[[Study], list[str]],
+    pictures: bool,
+) -> None:
+    """Do what ``optimize`` does, for many runs; exit code 1 where pictures failed."""
+    from glvis.inputs.sweep import plan_runs
+    from glvis.outputs.series import read_series, run_series, series_folder
+    from glvis.outputs.series_words import plan_lines
+    from glvis.terminal import say
+
+    if extend:
+        raise StudyError("--extend adds to one search: --resume the folder of that run")
+    if resume and (study or settings or sweeps or overwrite):
+        raise StudyError(
+            "--resume: a series goes on with its own study; only --repeats can add runs to it"
+        )
+    if resume:
+        assert directory
+        plan = read_series(directory, repeats)
+    else:
+        assert study
+        plan = plan_runs(study, settings, sweeps, repeats or 1)
+    if dry_run:
+        for line in plan_lines(plan):
+            say(line)
+        return
+    assert directory
+    teller = _Teller(plan, search, warnings)
+    if resume:
+        done = run_series(
+            directory, plan, teller.search, warnings=teller.warnings, on_run=teller.begins
+        )
+    else:
+        assert study
+        with series_folder(directory, plan, study.text, overwrite=overwrite):
+            done = run_series(
+                directory, plan, teller.search, warnings=teller.warnings, on_run=teller.begins
+            )
+    _finish(directory, plan, pictures and done)
+
+
+class _Teller:
+    """Says what a series does, run by run, on standard error."""
+
+    def __init__(self, plan: Plan, search: Search, warnings: Callable[[Study], list[str]]) -> None:
+        self._plan, self._search, self._warnings = plan, search, warnings
+        self._said: set[str] = set()
+
+    def begins(self, run: PlannedRun) -> None:
+        from glvis.outputs.series_words import run_line
+        from glvis.terminal import say
+
+        say(run_line(self._plan, run), error=True)
+
+    def warnings(self, study: Study) -> list[str]:
+        found = self._warnings(study)
+        self._say(found)
+        return found
+
+    def search(self, study: Study, checkpoint: Path, resume: bool) -> Placement:
+        placement = self._search(study, checkpoint, resume)
+        self._say(placement.warnings)
+        return placement
+
+    def _say(self, sentences: Sequence[str]) -> None:
+        from glvis.terminal import say
+
+        for sentence in sentences:
+            if sentence not in self._said:
+                say(f"Warning: {sentence}", error=True)
+                self._said.add(sentence)
+
+
+def _finish(directory: Path, plan: Plan, pictures: bool) -> None:
+    """Draw what is known, make the pictures of the best runs, and say it all."""
+    from glvis.outputs.delivery import VIEWS, render_again
+    from glvis.outputs.series import best_runs
+    from glvis.outputs.series_tables import write_plot, write_series
+    from glvis.outputs.series_words import series_lines
+    from glvis.terminal import say
+
+    spreads = write_series(directory, plan)
+    write_plot(directory, plan, spreads)
+    failures = []
+    for path in best_runs(directory, spreads) if pictures else []:
+        if (path / VIEWS).is_dir():
+            continue
+        say(f"Making the pictures of {path.name} ...", error=True)
+        try:
+            render_again(path)
+        except KeyboardInterrupt:
+            failures.append(f"pictures were left out on Ctrl-C; 'glvis render {path}' makes them")
+            break
+        except MachineError as error:
+            failures.append(f"the pictures of {path} could not be made: {error}")
+    for line in series_lines(plan, spreads, directory):
+        say(line)
+    for failure in failures:
+        say(f"Warning: {failure}")
+    if failures:
+        raise typer.Exit(1)

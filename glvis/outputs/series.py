@@ -1,0 +1,197 @@
+"""Many runs of one study in one folder: run one after the other, resumed, summed up.
+
+Each run is an ordinary result in a folder of its own. What is known of all of them is written
+again after each one; the index is there from the start, so that a killed series can go on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from glvis.errors import StudyError
+from glvis.inputs.study import Study, load_study
+from glvis.inputs.sweep import Plan, PlannedRun, plan_runs
+from glvis.optim.placement import INTERRUPTED, Placement
+from glvis.outputs.delivery import deliver
+from glvis.outputs.folder import (
+    INDEX,
+    STUDY,
+    can_resume,
+    machine_errors,
+    made_folders,
+    read_index,
+    remove_if_empty,
+    remove_result,
+    result_folder,
+    series_index,
+    write_whole,
+)
+from glvis.outputs.series_tables import FILES, write_series
+from glvis.outputs.spread import Spread, outcomes_of
+
+# Searches a study, with the file of its state and whether to go on from there.
+Search = Callable[[Study, Path, bool], Placement]
+
+
+def read_series(directory: Path, repeats: int | None = None) -> Plan:
+    """Return the plan of a series that was begun.
+
+    Parameters
+    ----------
+    directory : Path
+        Its folder.
+    repeats : int, optional
+        Runs of each point from now on; as many as before, or more.
+
+    Raises
+    ------
+    StudyError
+        If there is no series, its study cannot be run any more, or there would be fewer repeats.
+    """
+    path = series_index(directory)
+    if path is None:
+        raise StudyError(f"{directory}: holds no series of runs")
+    index = read_index(path)
+    study = load_study(directory / STUDY)
+    try:
+        before = int(index["repeats"])
+        study = replace(study, title=str(index["title"]), sweep=dict(index["sweep"]))
+    except (KeyError, TypeError, ValueError):
+        raise StudyError(f"{path}: is no series of glvis") from None
+    if repeats is not None and repeats < before:
+        raise StudyError(f"{directory}: has {before} repeats, --repeats can only add to them")
+    return plan_runs(study, repeats=repeats or before)
+
+
+@contextmanager
+def series_folder(
+    directory: Path, plan: Plan, text: str, *, overwrite: bool = False
+) -> Iterator[None]:
+    """Make the folder of a new series; it goes again if its first run does not even begin.
+
+    Parameters
+    ----------
+    directory : Path
+        The folder.
+    plan : Plan
+        All runs.
+    text : str
+        The study without its ``[sweep]``.
+    overwrite : bool
+        Take the place of a series that is there.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds something that may not be replaced.
+    MachineError
+        If it cannot be written to.
+    """
+    with machine_errors(directory):
+        _refuse_what_is_there(directory, overwrite)
+        made = made_folders(directory)
+        if series_index(directory):
+            _remove_series(directory)
+        write_whole(directory / STUDY, text)
+        write_series(directory, plan)
+    try:
+        yield
+    except BaseException:
+        if not any((directory / run.name).exists() for run in plan.runs):
+            _remove_series(directory)
+            for folder in reversed(made):
+                remove_if_empty(folder)
+        raise
+
+
+def run_series(
+    directory: Path,
+    plan: Plan,
+    search: Search,
+    *,
+    warnings: Callable[[Study], Sequence[str]],
+    on_run: Callable[[PlannedRun], None] | None = None,
+) -> bool:
+    """Run what has not finished yet; return whether all runs have now.
+
+    Ctrl-C and SIGTERM end the run in hand with a result, and the series with it.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder of the series.
+    plan : Plan
+        Its runs.
+    search : callable
+        Finds a placement; see ``Search``.
+    warnings : callable
+        Says what to keep with the result of a study, before its search begins.
+    on_run : callable, optional
+        Is told each run before it begins.
+
+    Raises
+    ------
+    StudyError
+        If a run cannot go on from where it was.
+    MachineError
+        Where there is no OpenGL, or the folder cannot be written to.
+    """
+    finished = {one.run.name for one in outcomes_of(directory, plan) if one.is_finished}
+    for run in plan.runs:
+        if run.name in finished:
+            continue
+        if on_run:
+            on_run(run)
+        resume = can_resume(directory / run.name)
+        try:
+            with result_folder(directory / run.name, resume=resume, series=directory) as folder:
+                study = load_study(directory / STUDY, run.settings)
+                if not resume:
+                    folder.keep_study(study.text)
+                sentences = warnings(study)
+                placement = search(study, folder.checkpoint, resume)
+                deliver(placement, folder, warnings=sentences, pictures=False)
+            write_series(directory, plan)
+        except KeyboardInterrupt:
+            return False
+        if placement.stop_reason.startswith(INTERRUPTED):
+            return False
+    return True
+
+
+def best_runs(directory: Path, spreads: Sequence[Spread]) -> list[Path]:
+    """Return the folders of the best run of each point."""
+    return [directory / one.best.run.name for one in spreads if one.best]
+
+
+def _refuse_what_is_there(directory: Path, overwrite: bool) -> None:
+    """Raise if a new series may not have this folder."""
+    if directory.exists() and not directory.is_dir():
+        raise StudyError(f"{directory}: is a file; the results need a folder")
+    inside = sorted(entry.name for entry in directory.iterdir()) if directory.exists() else []
+    index = series_index(directory)
+    if index:
+        read_index(index)  # or it is somebody else's
+        if not overwrite:
+            raise StudyError(
+                f"{directory}: holds a series of runs already; go on with it by "
+                f"--resume {directory}, or start anew with --overwrite"
+            )
+    elif inside:
+        what = "the result of one run" if INDEX in inside else "no series of glvis"
+        raise StudyError(f"{directory}: is not empty and holds {what}; choose another folder")
+
+
+def _remove_series(directory: Path) -> None:
+    """Remove a series from a folder; what somebody else put there stays."""
+    path = series_index(directory)
+    entries = read_index(path).get("runs", []) if path else []
+    for entry in entries:
+        name = str(entry["run"])
+        if name.startswith("run-") and "/" not in name:
+            remove_result(directory / name)
+    for name in (*FILES, STUDY):
+        (directory / name).unlink(missing_ok=True)

@@ -1,0 +1,184 @@
+"""A series of runs as tables, index and plot; its runs are read from their own results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from glvis.drawing.seriesplots import Line, Panel, TracedRun, write_repeats, write_sweep
+from glvis.inputs.overrides import toml_text
+from glvis.inputs.sweep import Plan, key_label, value_text
+from glvis.outputs.folder import SERIES, machine_errors, write_index
+from glvis.outputs.reading import read_trace
+from glvis.outputs.result import SCHEMA, TRACE, versions, write_csv
+from glvis.outputs.spread import Apart, Spread, Statistic, outcomes_of, spread
+
+RUNS = "runs.csv"  # of a sweep, whose own table has a row a point
+FILES = (RUNS, *SERIES, "sweep.csv", "sweep.png", "repeats.csv", "repeats.png")
+_NUMBERS = (
+    *("value", "percentage", "area_percentage"),
+    *("iterations", "evaluations", "maps_rendered"),
+)
+_DISTANCES = tuple(Apart.__dataclass_fields__)
+
+
+def kind_of(plan: Plan) -> str:
+    """Return what the files of a series are called: "sweep" or "repeats"."""
+    return "sweep" if plan.sweep else "repeats"
+
+
+def write_series(directory: Path, plan: Plan) -> list[Spread]:
+    """Write the tables and the index of what is known so far; return it by point."""
+    outcomes = outcomes_of(directory, plan)
+    spreads = [spread(point, outcomes) for point in plan.points]
+    known = {one.run.name: one for one in outcomes}
+    far = {
+        outcome.run.name: asdict(distance)
+        for one in spreads
+        for outcome, distance in zip(one.outcomes, one.distances, strict=True)
+    }
+    rows, entries = [], []
+    for run in plan.runs:
+        found = known.get(run.name)
+        state = "finished" if found and found.is_finished else "interrupted"
+        entry = {"run": run.name, "values": dict(run.point.values), "seed": run.seed}
+        entry["state"] = state if found else "waiting"
+        if found:
+            numbers = {name: getattr(found, name) for name in _NUMBERS}
+            distances = far.get(run.name, dict.fromkeys(_DISTANCES))
+            entry |= numbers | {"apart_from_best": distances, "stop_reason": found.stop_reason}
+            row = [run.name, *map(_cell, run.point.values.values()), run.seed, *numbers.values()]
+            rows.append([*row, *distances.values(), found.stop_reason])
+        entries.append(entry)
+    kind, keys = kind_of(plan), list(plan.sweep)
+    header = ["run", *keys, "seed", *_NUMBERS]
+    header += [f"{name}_from_best" for name in _DISTANCES] + ["stop_reason"]
+    with machine_errors(directory):
+        _write_table(directory / (RUNS if plan.sweep else f"{kind}.csv"), header, rows)
+        if plan.sweep:
+            _write_table(directory / f"{kind}.csv", *_table_of_points(keys, spreads))
+        write_index(
+            directory / f"{kind}.json",
+            {
+                "glvis_schema": SCHEMA,
+                "title": plan.title,
+                "unit": plan.unit,
+                "sweep": dict(plan.sweep),
+                "repeats": plan.repeats,
+                "planned": len(plan.runs),
+                "finished": sum(len(one.outcomes) for one in spreads),
+                "points": [_point_entry(one) for one in spreads],
+                "runs": entries,
+                "versions": versions(),
+            },
+        )
+    return spreads
+
+
+def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
+    """Write ``repeats.png`` or ``sweep.png``, if any run has finished."""
+    if not any(one.outcomes for one in spreads):
+        return
+    path = directory / f"{kind_of(plan)}.png"
+    quantities = {one.point.quantity for one in spreads}
+    if not plan.sweep:
+        runs = []
+        for one in spreads[0].outcomes:
+            trace = read_trace(directory / one.run.name / TRACE)
+            maps, best = [row.maps_rendered for row in trace], [row.best for row in trace]
+            runs.append(
+                TracedRun(one.run.name, one.run.seed, maps, best, one.value, one.percentage)
+            )
+        title = f"{plan.title}: {len(runs)} runs with other seeds"
+        write_repeats(path, runs, title=title, quantity=quantities.pop())
+        return
+    key, values = next(iter(plan.sweep.items()))
+    shown = ["percentage", "area_percentage"]
+    names = {"percentage": "faces seen [%]", "area_percentage": "area seen [%]"}
+    if len(quantities) == 1:  # values of different objectives have no common axis
+        shown, names["value"] = ["value", "percentage"], quantities.pop()
+    panels = [Panel(names[name], _lines(plan, spreads, name)) for name in shown]
+    write_sweep(
+        path,
+        panels,
+        title=plan.title,
+        x_label=key_label(key, plan.unit),
+        ticks=_ticks(values),
+        are_numbers=_are_numbers(values),
+    )
+
+
+def _lines(plan: Plan, spreads: Sequence[Spread], name: str) -> list[Line]:
+    """Return a line for each combination of the other keys, along the first one."""
+    first = next(iter(plan.sweep))
+    places = [place for place, _ in _ticks(plan.sweep[first])]
+    lines: dict[str, list[list[float]]] = {}
+    for one in spreads:  # the first key changes slowest
+        others = {key: value for key, value in one.point.values.items() if key != first}
+        label = ", ".join(f"{key} = {value_text(value)}" for key, value in others.items())
+        lines.setdefault(label, []).append([getattr(found, name) for found in one.outcomes])
+    return [Line(label, places, values) for label, values in lines.items()]
+
+
+def _ticks(values: Sequence[Any]) -> list[tuple[float, str]]:
+    """Return where swept values lie along an axis: numbers at their place, the rest in order."""
+    if _are_numbers(values):
+        return [(float(value), f"{value:g}") for value in values]
+    return [(float(place), _cell(value)) for place, value in enumerate(values)]
+
+
+def _are_numbers(values: Sequence[Any]) -> bool:
+    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+
+
+def _cell(value: Any) -> Any:
+    """Return a swept value as a cell of a table."""
+    return value if isinstance(value, int | float | str) else toml_text(value)
+
+
+def _table_of_points(
+    keys: Sequence[str], spreads: Sequence[Spread]
+) -> tuple[list[str], list[list[Any]]]:
+    """Return header and rows of a sweep."""
+    header = [*keys, "sensors", "variables", "finished", "best"]
+    names, parts = ("value", "percentage", "area_percentage"), Statistic.__dataclass_fields__
+    header += [f"{name}_{part}" for name in names for part in parts]
+    header += [f"{name}_from_best" for name in _DISTANCES]
+    rows = []
+    for one in spreads:
+        row = [*map(_cell, one.point.values.values()), len(one.point.sensors)]
+        row += [one.point.variables, len(one.outcomes), one.best.run.name if one.best else None]
+        for found, fields in (
+            (one.value, parts),
+            (one.percentage, parts),
+            (one.area_percentage, parts),
+            (one.apart, _DISTANCES),
+        ):
+            row += [found and getattr(found, field) for field in fields]
+        rows.append(row)
+    return header, rows
+
+
+def _point_entry(found: Spread) -> dict[str, Any]:
+    """Return a point as the index holds it."""
+    return {
+        "values": dict(found.point.values),
+        "objective": found.point.quantity,
+        "sensors": len(found.point.sensors),
+        "variables": found.point.variables,
+        "finished": len(found.outcomes),
+        "best": found.best and found.best.run.name,
+        "value": found.value and asdict(found.value),
+        "percentage": found.percentage and asdict(found.percentage),
+        "area_percentage": found.area_percentage and asdict(found.area_percentage),
+        "apart_from_best": found.apart and asdict(found.apart),
+    }
+
+
+def _write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Write a table; until it is whole, the one before stays."""
+    part = path.with_name(f"{path.name}.part")
+    write_csv(part, header, rows)
+    part.replace(path)
