@@ -126,7 +126,7 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     resolution of the renders, the OpenGL driver, and how long a full run takes here; of a study
     with a table [sweep] all its runs.
     """
-    from glvis.cli_series import say_plan
+    from glvis.cli_series import planned_runs
     from glvis.inputs.estimate import measured_cost
     from glvis.inputs.study import load_study
     from glvis.optim.workers import available_cores
@@ -134,16 +134,14 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     from glvis.terminal import say
 
     loaded = load_study(study, overrides or ())
+    runs = planned_runs(loaded, overrides or ())
     for line in study_lines(loaded):
         say(line)
     say()
     for warning in _warnings(loaded):
         say(f"Warning: {warning}")
-    for line in cost_lines(measured_cost(loaded), available_cores()):
+    for line in [*cost_lines(measured_cost(loaded), available_cores()), *runs]:
         say(line)
-    if loaded.sweep:
-        say()
-        say_plan(loaded, overrides or ())
 
 
 @app.command(

@@ -17,14 +17,12 @@ if TYPE_CHECKING:
     from glvis.outputs.series import Search
 
 
-def say_plan(study: Study, settings: Sequence[str] = ()) -> None:
-    """List the runs of a study with a ``[sweep]``."""
+def planned_runs(study: Study, settings: Sequence[str] = ()) -> list[str]:
+    """Return lines about the runs of a study; none where it has no ``[sweep]``."""
     from glvis.inputs.sweep import plan_runs
     from glvis.outputs.series_words import plan_lines
-    from glvis.terminal import say
 
-    for line in plan_lines(plan_runs(study, settings)):
-        say(line)
+    return ["", *plan_lines(plan_runs(study, settings))] if study.sweep else []
 
 
 def optimize_many(

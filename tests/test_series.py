@@ -161,6 +161,9 @@ def test_the_runs_and_their_cost_are_told_before_anything_starts(run, study, tmp
     assert code == 0
     assert "\n2 runs: 2 combinations of the swept values\n" in text
     assert text.endswith("\nAt most 120 maps in all\n")
+    study.write_text(SMALL + SWEEP.replace("2", "3"))
+    assert run("check", study)[:2] == (2, "")
+    study.write_text(SMALL + SWEEP)
     assert files_below(tmp_path) == before
 
 
@@ -317,6 +320,19 @@ def test_sweep_of_a_study_without_variables_is_evaluated(run, study, tmp_path):
         loaded = glvis.load_study(study, [f"mount.A.position.0={place}", "objective.kind=of1"])
         values.append(glvis.evaluate_poses(loaded).value)
     assert [float(row["value"]) for row in rows_of(out / "runs.csv")] == values
+    assert run("optimize", "--resume", out)[:1] == (0,)
+
+
+def test_swept_meshes_are_found_from_the_study_s_own_folder(run, study, tmp_path):
+    sweep = "\n[sweep]\nscene.models = [['cube.off'], ['s*.off'], ['cube.off', 'small.off']]\n"
+    study.write_text(SMALL + sweep)
+    out = tmp_path / "out"
+    assert run("optimize", study, "-o", out)[0] == 0
+    runs = [read_result(out / f"run-0{k}") for k in (1, 2, 3)]
+    assert [[model.name for model in found.study.models] for found in runs] == [
+        ["cube"], ["small"], ["cube", "small"],
+    ]  # fmt: skip
+    assert runs[2].study.title == "Two cubes (scene.models = ['cube.off', 'small.off'])"
     assert run("optimize", "--resume", out)[:1] == (0,)
 
 

@@ -39,7 +39,7 @@ class Line(NamedTuple):
 
     label: str
     x: Sequence[float]
-    values: Sequence[Sequence[float]]
+    values: list[list[float]]
 
 
 class Panel(NamedTuple):

@@ -10,6 +10,7 @@ import itertools
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from glvis.errors import StudyError
@@ -19,6 +20,7 @@ from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study, load_study
 
 _SEED = "swarm.seed"
+_FILES = {"scene.models", "scene.obstacles"}
 _LENGTHS = ("min_distance", "max_distance", "radius", "height")  # keys in the study's unit
 
 
@@ -137,6 +139,9 @@ def plan_runs(
         repeats would all be the same.
     """
     sweep = _lists(study.sweep, f"{study.path}: [sweep]") | dict(map(_from_option, sweeps))
+    folder = study.path.resolve().parent  # runs are read from a copy of the study elsewhere
+    for key in _FILES & sweep.keys():
+        sweep[key] = [_absolute(names, folder) for names in sweep[key]]
     if repeats > 1 and _SEED in sweep:
         raise StudyError(
             f"{study.path}: [sweep] {_SEED}: repeats have seeds of their own; take one of the two"
@@ -151,8 +156,12 @@ def plan_runs(
 
 
 def value_text(value: Any) -> str:
-    """Return a swept value as people write it."""
-    return f"'{value}'" if isinstance(value, str) else toml_text(value)
+    """Return a swept value as people write it; of a file its name."""
+    if isinstance(value, str):
+        return f"'{value.rpartition('/')[2]}'"
+    if isinstance(value, list):
+        return f"[{', '.join(map(value_text, value))}]"
+    return toml_text(value)
 
 
 def key_label(key: str, unit: str) -> str:
@@ -208,6 +217,11 @@ def _lists(table: Mapping[str, Any], where: str) -> dict[str, list[Any]]:
             continue
         raise StudyError(f"{where} {key} = {fact}")
     return found
+
+
+def _absolute(names: Any, folder: Path) -> Any:
+    is_list = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    return [str(folder / name) for name in names] if is_list else names
 
 
 def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

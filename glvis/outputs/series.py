@@ -187,11 +187,7 @@ def _refuse_what_is_there(directory: Path, overwrite: bool) -> None:
 
 def _remove_series(directory: Path) -> None:
     """Remove a series from a folder; what somebody else put there stays."""
-    path = series_index(directory)
-    entries = read_index(path).get("runs", []) if path else []
-    for entry in entries:
-        name = str(entry["run"])
-        if name.startswith("run-") and "/" not in name:
-            remove_result(directory / name)
+    for path in directory.glob("run-*"):
+        remove_result(path)
     for name in (*FILES, STUDY):
         (directory / name).unlink(missing_ok=True)

@@ -114,19 +114,20 @@ def _lines(plan: Plan, spreads: Sequence[Spread], name: str) -> list[Line]:
     """Return a line for each combination of the other keys, along the first one."""
     first = next(iter(plan.sweep))
     places = [place for place, _ in _ticks(plan.sweep[first])]
-    lines: dict[str, list[list[float]]] = {}
+    lines: dict[str, Line] = {}
     for one in spreads:  # the first key changes slowest
         others = {key: value for key, value in one.point.values.items() if key != first}
         label = ", ".join(f"{key} = {value_text(value)}" for key, value in others.items())
-        lines.setdefault(label, []).append([getattr(found, name) for found in one.outcomes])
-    return [Line(label, places, values) for label, values in lines.items()]
+        line = lines.setdefault(toml_text(others), Line(label, places, []))
+        line.values.append([getattr(found, name) for found in one.outcomes])
+    return list(lines.values())
 
 
 def _ticks(values: Sequence[Any]) -> list[tuple[float, str]]:
     """Return where swept values lie along an axis: numbers at their place, the rest in order."""
     if _are_numbers(values):
         return [(float(value), f"{value:g}") for value in values]
-    return [(float(place), _cell(value)) for place, value in enumerate(values)]
+    return [(float(place), value_text(value).strip("'")) for place, value in enumerate(values)]
 
 
 def _are_numbers(values: Sequence[Any]) -> bool:
