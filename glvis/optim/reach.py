@@ -23,6 +23,7 @@ from glvis.sight.visibility import VisibilityMap
 # after 4,096 at 97.4 %, and 16,384 find 97.7 %: what is missed is about the last growth.
 _ENOUGH = 0.005
 _FIRST = 64  # positions before the first doubling; fewer may miss a whole side by chance
+_NEVER = np.iinfo(np.int64).max
 _SEED = 0  # the same for every search of a study, so that their shares can be compared
 
 
@@ -41,8 +42,7 @@ class Reach:
     maps_rendered : int
         Maps made for them; not counted as the search's.
     growth : float
-        Share of the faces, the mean over models, that the last doubling of the positions added;
-        of fewer than 65 positions, what all of them added to the layout.
+        Share of the faces, the mean over models, that only the later half of the positions found.
     """
 
     sensors: tuple[NDArray[np.integer], ...]
@@ -78,16 +78,18 @@ def sampled_reach(
     rig, before = evaluator.study.rig, evaluator.maps_rendered
     box, rng = Box(rig.bounds, rig.periodic), np.random.default_rng(_SEED)
     seen = [found.visible.copy() for found in maps]  # (S, F) a model
+    since = [np.where(union.any(axis=0), 0, _NEVER) for union in seen]  # found by which position
     most = most_maps // (len(rig.sensor_names) * len(maps))
-    tried, goal, growth, share = 0, min(_FIRST, most), 0.0, _share(seen)
+    tried, goal, growth = 0, min(_FIRST, most), 0.0
     while tried < goal and not interrupted:
         for found in evaluator.each_visibility(box.uniform(goal - tried, rng)):
-            for union, one in zip(seen, found, strict=True):
-                union |= one.visible
             tried += 1
+            for union, first, one in zip(seen, since, found, strict=True):
+                union |= one.visible
+                first[one.visible.any(axis=0) & (first == _NEVER)] = tried
             if interrupted:
                 break
-        share, growth = _share(seen), _share(seen) - share
+        growth = float(np.mean([_later_half(first, tried) for first in since]))
         if tried == _FIRST or growth >= _ENOUGH:
             goal = min(2 * tried, most)
     if not tried:
@@ -96,6 +98,6 @@ def sampled_reach(
     return Reach(tuple(union.sum(axis=0) for union in seen), tried, rendered, growth)
 
 
-def _share(seen: Sequence[NDArray[np.bool_]]) -> float:
-    """Return the share of the faces that any sensor sees, the mean over models."""
-    return float(np.mean([union.any(axis=0).mean() for union in seen]))
+def _later_half(first: NDArray[np.integer], tried: int) -> float:
+    """Return the share of the faces that were first seen by the later half of the positions."""
+    return float(((first > tried / 2) & (first < _NEVER)).mean())
