@@ -321,6 +321,20 @@ def test_sensor_eye_projects_as_the_sensor_does(ring):
     np.testing.assert_allclose(eye.project(corner[:3], (320, 240)), [320, 0], atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["top", "perspective"])
+def test_what_stands_behind_the_scene_is_known_to_be_hidden(ring, name):
+    study, poses, maps = ring
+    with Stage(study, poses) as stage:
+        stage.show(0, maps[0])
+        view = stage.views()[name]
+        eye = stage.eye(view, (320, 200), with_rig=True)
+        pad, seat = np.array([0, 0, -50]), eye.camera_to_world[:3, 3]
+        away = 40 * (seat - pad) / np.linalg.norm(seat - pad)
+        points = np.array([pad - away, seat - away, seat + away, [900, 900, -50]])
+        hidden = stage.is_hidden(points, eye, (320, 200))
+    assert hidden.tolist() == [True, False, False, False]
+
+
 # -- the files
 
 

@@ -122,9 +122,15 @@ def _panel(
     sheet.frame(box)
     per_length = eye.pixels_per_length(frame.size)
     if with_rig:
-        places = eye.project(stage.poses[:, :3, 3], frame.size)
+        centres = stage.poses[:, :3, 3]
+        places = eye.project(centres, frame.size)
         clear = 1.05 * stage.body_size * per_length
-        sheet.draw_labels(frame, places, stage.seen.map.sensor_names, stage.colors, clear)
+        hidden = stage.is_hidden(centres, eye, frame.size)
+        names = [
+            f"({name})" if behind else name  # nobody shall take what is in front for the sensor
+            for name, behind in zip(stage.seen.map.sensor_names, hidden, strict=True)
+        ]
+        sheet.draw_labels(frame, places, names, stage.colors, clear)
     axes = rigid_inverse(eye.camera_to_world)[:3, :3]
     middle = frame.bottom + strip // 2
     sheet.triad(box.x + round(0.8 * strip), middle, round(0.56 * strip), axes)

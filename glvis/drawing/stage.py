@@ -213,6 +213,16 @@ class Stage:
         canvas = self._canvas(size)
         return canvas.depth(eye, self._solids(), origin=self.origin), canvas.samples
 
+    def is_hidden(self, points: Floats, eye: Eye, size: tuple[int, int]) -> NDArray[np.bool_]:
+        """Return which points (N, 3) lie behind the model or an obstacle in a picture, (N,)."""
+        depths, samples = self.depth(eye, size)
+        pixels = samples * eye.project(points, size)
+        height, width = depths.shape
+        inside = np.asarray(((pixels >= 0) & (pixels < [width, height])).all(axis=1))
+        column, row = np.where(inside[:, None], pixels, 0).astype(int).T
+        own = (eye.camera_to_world[:3, 3] - points) @ eye.camera_to_world[:3, 2]
+        return np.asarray(inside & (depths[row, column] < own))
+
     def _solids(self) -> list[Solid]:
         return [*([self._model] if self._model else []), *self._obstacles]
 
