@@ -96,7 +96,11 @@ class _Teller:
         return found
 
     def search(self, study: Study, checkpoint: Path, resume: bool) -> Placement:
+        from glvis.terminal import say
+
         placement = self._search(study, checkpoint, resume)
+        kind = study.objective.kind.upper()
+        say(f"{kind} = {placement.value:.6g}, {placement.stop_reason}", error=True)
         self._say(placement.warnings)
         return placement
 

@@ -135,6 +135,31 @@ def test_sweep_over_the_number_of_mounts(run, study, tmp_path):
     ]
 
 
+def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
+    run, study, tmp_path, monkeypatch
+):
+    drawn = {}
+    monkeypatch.setattr(
+        "glvis.outputs.series_tables.write_sweep",
+        lambda path, panels, **options: drawn.update(options, panels=panels),
+    )
+    out = tmp_path / "out"
+    sweeps = ("--sweep", "objective.by_area=false,true", "--sweep", "mount.C.roll_deg=0,45")
+    assert run("optimize", study, "-o", out, *sweeps, "--repeats", "2")[0] == 0
+    assert (drawn["x_label"], drawn["are_numbers"]) == ("mount.C.roll [deg]", True)
+    assert drawn["ticks"] == [(0.0, "0"), (45.0, "45")]
+    value, seen = drawn["panels"]
+    assert (value.quantity, seen.quantity) == ("OF3", "faces seen [%]")
+    rows = rows_of(out / "runs.csv")
+    for panel, column in ((value, "value"), (seen, "percentage")):
+        assert [line.label for line in panel.lines] == [
+            "objective.by_area = false", "objective.by_area = true",
+        ]  # fmt: skip
+        # run-01 to run-04 are the combinations, the rest the same with the next seed
+        numbers = [[float(rows[k][column]), float(rows[k + 4][column])] for k in range(4)]
+        assert [values for line in panel.lines for values in line.values] == numbers
+
+
 def test_other_commands_work_on_a_run_and_name_one_where_the_series_is_given(run, study, tmp_path):
     out = tmp_path / "out"
     run("optimize", study, "-o", out, "--sweep", "objective.kind=of1,of2", "--sweep", "mounts=2")

@@ -219,3 +219,13 @@ def test_labels_carry_units_where_they_are_known():
         "swarm.particles": "swarm.particles",
     }
     assert {key: key_label(key, "mm") for key in labels} == labels
+
+
+def test_the_sweep_that_the_arm_study_explains_can_be_run(tmp_path):
+    text = (SCENES / "arm.toml").read_text()
+    head, mark, tail = text.partition("# [sweep]")
+    path = tmp_path / "arm.toml"
+    path.write_text(head + (mark + tail).replace("# ", ""))
+    overrides = [f"scene.models=['{SCENES / 'arm1.stl'}']", "scene.obstacles=[]"]
+    plan = plan_runs(load_study(path, overrides), overrides)
+    assert [len(point.sensors) for point in plan.points] == [4, 4, 4, 6, 6, 6, 8, 8, 8]

@@ -178,7 +178,7 @@ def _by_seed(
 
 def _swept_line(axes: Any, line: Line, color: str, *, told: bool, joined: bool) -> None:
     """Draw one line: every run as a dot, means with bars, in numbers where there is room."""
-    found = [(x, values) for x, values in zip(line.x, line.values, strict=True) if values]
+    found = sorted((x, values) for x, values in zip(line.x, line.values, strict=True) if values)
     if not found:
         return
     x = np.array([place for place, _ in found])

@@ -56,8 +56,8 @@ class Point:
 
     @property
     def label(self) -> str:
-        """Values in words: "mounts = 2, objective.kind = 'of1'"."""
-        return _label(self.values)
+        """Its values in words."""
+        return label_of(self.values)
 
 
 @dataclass(frozen=True)
@@ -155,6 +155,11 @@ def plan_runs(
     return Plan(study.title, study.unit, sweep, points, repeats)
 
 
+def label_of(values: Mapping[str, Any]) -> str:
+    """Return swept values in words: "mounts = 2, objective.kind = 'of1'"."""
+    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
+
+
 def value_text(value: Any) -> str:
     """Return a swept value as people write it; of a file its name."""
     if isinstance(value, str):
@@ -187,7 +192,9 @@ def _points(
                 one = load_study(study.path, [*overrides, *settings])
             except StudyError as error:
                 fact = str(error).removeprefix(f"{study.path}: ")
-                raise StudyError(f"{study.path}: [sweep] with {_label(values)}: {fact}") from error
+                raise StudyError(
+                    f"{study.path}: [sweep] with {label_of(values)}: {fact}"
+                ) from error
         yield Point(
             values,
             settings,
@@ -197,10 +204,6 @@ def _points(
             one.swarm.seed,
             one.objective.kind.upper(),
         )
-
-
-def _label(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
 
 
 def _lists(table: Mapping[str, Any], where: str) -> dict[str, list[Any]]:

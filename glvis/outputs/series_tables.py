@@ -9,7 +9,7 @@ from typing import Any
 
 from glvis.drawing.seriesplots import Line, Panel, TracedRun, write_repeats, write_sweep
 from glvis.inputs.overrides import toml_text
-from glvis.inputs.sweep import Plan, key_label, value_text
+from glvis.inputs.sweep import Plan, key_label, label_of, value_text
 from glvis.outputs.folder import SERIES, machine_errors, write_index
 from glvis.outputs.reading import read_trace
 from glvis.outputs.result import SCHEMA, TRACE, versions, write_csv
@@ -94,7 +94,7 @@ def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
         title = f"{plan.title}: {len(runs)} runs with other seeds"
         write_repeats(path, runs, title=title, quantity=quantities.pop())
         return
-    key, values = next(iter(plan.sweep.items()))
+    key = _along(plan)
     shown = ["percentage", "area_percentage"]
     names = {"percentage": "faces seen [%]", "area_percentage": "area seen [%]"}
     if len(quantities) == 1:  # values of different objectives have no common axis
@@ -105,20 +105,25 @@ def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
         panels,
         title=plan.title,
         x_label=key_label(key, plan.unit),
-        ticks=_ticks(values),
-        are_numbers=_are_numbers(values),
+        ticks=_ticks(plan.sweep[key]),
+        are_numbers=_are_numbers(plan.sweep[key]),
     )
 
 
+def _along(plan: Plan) -> str:
+    """Return the key that the plot has along x: the first one of numbers, if there is any."""
+    numbers = (key for key, values in plan.sweep.items() if _are_numbers(values))
+    return next(numbers, next(iter(plan.sweep)))
+
+
 def _lines(plan: Plan, spreads: Sequence[Spread], name: str) -> list[Line]:
-    """Return a line for each combination of the other keys, along the first one."""
-    first = next(iter(plan.sweep))
-    places = [place for place, _ in _ticks(plan.sweep[first])]
+    """Return a line for each combination of the other keys, along one of them."""
+    along = _along(plan)
+    places = [place for place, _ in _ticks(plan.sweep[along])]
     lines: dict[str, Line] = {}
-    for one in spreads:  # the first key changes slowest
-        others = {key: value for key, value in one.point.values.items() if key != first}
-        label = ", ".join(f"{key} = {value_text(value)}" for key, value in others.items())
-        line = lines.setdefault(toml_text(others), Line(label, places, []))
+    for one in spreads:
+        others = {key: value for key, value in one.point.values.items() if key != along}
+        line = lines.setdefault(toml_text(others), Line(label_of(others), places, []))
         line.values.append([getattr(found, name) for found in one.outcomes])
     return list(lines.values())
 
