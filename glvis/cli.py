@@ -120,11 +120,11 @@ def init(
 
 @app.command(epilog="Example:  glvis check scenes/arm.toml")
 def check(study: StudyFile, overrides: Set = None) -> None:
-    """Read a study, say what is in it, what it will cost and what will disappoint.
+    r"""Read a study, say what is in it, what it will cost and what will disappoint.
 
     Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
     resolution of the renders, the OpenGL driver, and how long a full run takes here; of a study
-    with a table [sweep] all its runs.
+    with a table \[sweep] all its runs.
     """
     from glvis.cli_series import planned_runs
     from glvis.inputs.estimate import measured_cost
@@ -238,7 +238,7 @@ def optimize(
     dry_run: DryRun = False,
     no_pictures: NoPictures = False,
 ) -> None:
-    """Search the poses that see most.
+    r"""Search the poses that see most.
 
     Ctrl-C ends the search well: the best so far is written as a complete result. The state of
     the search is kept after every iteration: what was killed goes on with --resume.
@@ -246,7 +246,7 @@ def optimize(
     Writes what 'evaluate' writes, trace.csv (best and mean value of each iteration) and
     checkpoint.npz (what --resume needs).
 
-    With --repeats, --sweep or a table [sweep] in the study: many searches, each a result in a
+    With --repeats, --sweep or a table \[sweep] in the study: many searches, each a result in a
     folder of its own, run-01 ..., with a table, a plot and a summary of all. Pictures are made
     of the best run. --resume goes on with the runs that have not finished.
     """

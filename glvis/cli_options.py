@@ -38,7 +38,7 @@ Sweep = Annotated[
         "--sweep",
         metavar="KEY=VALUE,VALUE,...",
         help="Runs with each of the values, as mounts=2,3,4 or objective.kind=of1,of2; the same "
-        "as a table [sweep] in the study. Given many times: every combination.",
+        "as a table \\[sweep] in the study. Given many times: every combination.",
     ),
 ]
 DryRun = Annotated[

@@ -46,7 +46,7 @@ def results(tmp_path_factory):
 def run(capsys):
     def run(*arguments, pictures=False) -> tuple[int, str, str]:
         words = [str(argument) for argument in arguments]
-        if words[0] == "optimize":
+        if words[0] == "optimize" and "--help" not in words:
             words += ["--workers", "1"] + ([] if pictures else ["--no-pictures"])
         code = main(words)
         out, err = capsys.readouterr()
@@ -410,6 +410,11 @@ def test_what_cannot_be_is_one_line_and_leaves_all_as_it_was(run, results, argum
     assert line.startswith("error: ") and fact in line
     assert {name: (results / name).read_bytes() for name in files_below(results)} == before
     assert not places["OUT"].exists()
+
+
+@pytest.mark.parametrize("command", ["check", "optimize"])
+def test_help_names_the_table(run, command):
+    assert "[sweep]" in run(command, "--help")[1]
 
 
 @pytest.mark.parametrize("text", ["{}", "no json", '{"glvis_schema": 1, "repeats": "many"}'])
