@@ -174,18 +174,19 @@ def test_the_runs_and_their_cost_are_told_before_anything_starts(run, study, tmp
     study.write_text(SMALL + SWEEP)
     before = files_below(tmp_path)
     code, dry, err = run("optimize", study, "--repeats", "2", "--dry-run")
+    more = "and at most as many again to learn what is within reach"
     assert (code, err) == (0, "")
     assert [" ".join(line.split()) for line in dry.splitlines()] == [
         "4 runs: 2 combinations of the swept values, 2 seeds each",
         "mounts runs seeds sensors variables maps a run, at most maps",
         "1 run-01, run-03 1, 2 2 1 48 96",
         "2 run-02, run-04 1, 2 3 1 72 144",
-        "At most 240 maps in all",
+        f"At most 240 maps in all, {more}",
     ]
     code, text, _ = run("check", study)
     assert code == 0
     assert "\n2 runs: 2 combinations of the swept values\n" in text
-    assert text.endswith("\nAt most 120 maps in all\n")
+    assert text.endswith(f"\nAt most 120 maps in all, {more}\n")
     study.write_text(SMALL + SWEEP.replace("2", "3"))
     assert run("check", study)[:2] == (2, "")
     study.write_text(SMALL + SWEEP)

@@ -31,7 +31,10 @@ def plan_lines(plan: Plan) -> Iterator[str]:
         )
     header = ("runs", "seeds", "sensors", "variables", "maps a run, at most", "maps")
     yield from table((*plan.sweep, *header), rows)
-    yield f"At most {sum(run.point.run_maps for run in runs):,} maps in all"
+    yield (
+        f"At most {sum(run.point.run_maps for run in runs):,} maps in all, and at most as "
+        "many again to learn what is within reach"
+    )
 
 
 def run_line(plan: Plan, run: PlannedRun) -> str:
