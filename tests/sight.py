@@ -9,9 +9,11 @@ import numpy as np
 from glvis.camera import Intrinsics, camera_to_world
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
+from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
 from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
+from glvis.sight.selftest import can_cast
 from glvis.sight.surface import Surface
 from glvis.sight.visibility import VisibilityOptions
 
@@ -51,24 +53,25 @@ def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.
 
 
 @contextmanager
-def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), **options):
+def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **options):
     """Yield the mapper of a shape (vertices, faces) among obstacles, released afterwards."""
     origin = np.asarray(origin, dtype=float)
-    renderers: dict[tuple[int, int], Renderer] = {}
+    casts = can_cast() if casts is None else casts
+    casters: dict[tuple[int, int], Caster] = {}
 
-    def renderer_of(resolution):
-        return renderers.setdefault(resolution, Renderer(resolution, tiles))
+    def caster_of(resolution):
+        return casters.setdefault(resolution, Caster(Renderer(resolution, tiles)))
 
     surfaces = [
         Surface(Clusters.of(Model.from_arrays(f"obstacle{i}", *o)), origin, is_target=False)
         for i, o in enumerate(obstacles)
     ]
     model = Model.from_arrays("target", *shape)
-    made = Mapper(model, surfaces, VisibilityOptions(**options), origin, renderer_of)
+    made = Mapper(model, surfaces, VisibilityOptions(**options), origin, caster_of, casts=casts)
     try:
         yield made
     finally:
-        for part in (made, *surfaces, *renderers.values()):
+        for part in (made, *surfaces, *casters.values()):
             part.release()
 
 

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from glvis.inputs.scene import Model
 
-_SIZE_SMALL, _SIZE_LARGE, _LARGE = 4, 16, 100_000  # faces a cluster; measured by tools/bench
+_SIZE_SMALL, _SIZE_LARGE, _LARGE = 8, 32, 100_000  # faces a cluster; measured by tools/bench
 _SLACK = 1e-5  # of the scene's extent: float32 on the GPU may round a boundary the other way
 _MORTON_BITS = 10
 
@@ -99,6 +99,22 @@ class Clusters:
         bound = np.maximum(e, 0) @ high.T + np.minimum(e, 0) @ low.T
         return bound >= -_SLACK * self._extent
 
+    def seen_small(self, depth: Floats, near: Floats, share: Floats) -> Bools:
+        """Return whose faces all lie before the eye and look small from there, (N, C) bool.
+
+        Parameters
+        ----------
+        depth : (N, 4) float64
+            ``depth @ (p, 1)`` is the distance of a point p along the optical axis.
+        near : (N,) float64
+            Least distance along it.
+        share : (N,) float64
+            Longest edge as a share of that distance.
+        """
+        centre, radius = self._sphere
+        nearest = depth @ centre.T - radius
+        return (nearest >= near[:, None]) & (share[:, None] * nearest >= self._longest_edge)
+
     def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
         """Return from which poses no ray can meet a back face first, (N,) bool.
 
@@ -146,6 +162,16 @@ class Clusters:
             high = np.maximum(high, points.max(axis=1))
         centre = np.concatenate([(low + high) / 2, np.ones((len(self), 1))], axis=1)
         return centre, np.linalg.norm(high - low, axis=1) / 2 + _SLACK * self._extent
+
+    @cached_property
+    def _longest_edge(self) -> Floats:
+        """Of any face of each cluster, (C,)."""
+        faces = self.model.faces[self.order]
+        longest = np.zeros(len(faces))
+        for corner in range(3):
+            ends = self.model.vertices[faces[:, [corner, corner - 1]]]
+            np.maximum(longest, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), out=longest)
+        return longest.reshape(len(self), self.size).max(axis=1)
 
     @cached_property
     def _plane_box(self) -> tuple[Floats, Floats]:

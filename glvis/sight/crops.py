@@ -197,5 +197,10 @@ def unhidden(
     at_pixel = np.where(np.abs(at_pixel) > 0.5 * np.abs(at_centre), at_pixel, 2 * at_centre)
     at_pixel[at_pixel == 0] = 1.0  # edge on from the centre itself
     plane = faces.depth * np.clip(at_centre / at_pixel, 0.5, 1.0)
-    pixel = faces.depth * (2 * _TOLERANCE * max(tan_half[0] / width, tan_half[1] / height))
+    pixel = faces.depth * centre_tolerance((width, height), tan_half)
     return along_axis(depth_buffer[row, column]) >= plane - pixel
+
+
+def centre_tolerance(resolution: tuple[int, int], tan_half: Floats) -> float:
+    """Return the share of its depth by which something must be nearer to hide a centre."""
+    return float(2 * _TOLERANCE * np.max(tan_half / np.array(resolution)))

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
+from glvis.sight.caster import Caster, Rules
 from glvis.sight.clusters import Clusters
 from glvis.sight.crops import (
     CameraFaces,
     FaceTable,
+    centre_tolerance,
     crop_as_paper,
     crop_centroids,
     faces_sensor,
@@ -27,7 +29,7 @@ from glvis.sight.crops import (
     unhidden,
 )
 from glvis.sight.renderer import (
-    Renderer,
+    NEAREST,
     Selection,
     Views,
     depth_along_axis,
@@ -39,9 +41,8 @@ from glvis.sight.visibility import VisibilityOptions, render_resolution, takes_s
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# Clip planes as shares of maxD: what is nearer to the eye than the first hides nothing, and
-# nothing that is in range is hidden by what lies beyond the second.
-_NEAREST, _FARTHEST = 1e-3, 2.0
+# Far plane as a share of maxD: nothing that is in range is hidden by what lies beyond.
+_FARTHEST = 2.0
 # Centres looked at together: so many that NumPy's own overhead does not count, and so few that
 # what is computed of them stays in a core's cache.
 _AT_ONCE = 8192
@@ -63,8 +64,10 @@ class Mapper:
         What counts as visible.
     origin : (3,) float64
         World point near the scene that float32 positions are relative to.
-    renderer_of : callable
-        Returns the renderer of a resolution (width, height).
+    caster_of : callable
+        Returns the caster of a resolution (width, height), with its renderer.
+    casts : bool
+        Whether small faces are cast; see ``Caster`` and ``selftest.can_cast``.
     """
 
     def __init__(
@@ -73,13 +76,16 @@ class Mapper:
         obstacles: Sequence[Surface],
         options: VisibilityOptions,
         origin: Floats,
-        renderer_of: Callable[[tuple[int, int]], Renderer],
+        caster_of: Callable[[tuple[int, int]], Caster],
+        *,
+        casts: bool,
     ) -> None:
+        self._casts = casts
         self.model, self.options, self.origin = model, options, origin
         self.surface = Surface(Clusters.of(model), origin, is_target=True)
         self._table = FaceTable.of(model, self.surface.clusters.order)
         self._obstacles = obstacles
-        self._renderer_of = renderer_of
+        self._caster_of = caster_of
         boxes = np.stack([part.bounds for part in (model, *(o.clusters.model for o in obstacles))])
         corner = np.array(list(np.ndindex(2, 2, 2)))
         self._corners = boxes[:, corner, np.arange(3)].reshape(-1, 3)  # of all boxes, (8 B, 3)
@@ -100,9 +106,27 @@ class Mapper:
         """
         if self.options.semantics == "paper":
             return self._by_paper(camera_to_world, sensor)
+        if self._casts and self.options.occlusion == "physical":
+            return self._by_casting(camera_to_world, sensor)
         if self.options.criterion == "centroid":
             return self._by_centroid(camera_to_world, sensor)
         return self._by_pixels(camera_to_world, sensor)
+
+    def _by_casting(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+        """Return the faces that either criterion counts, where compute shaders are at hand."""
+        options = self.options
+        views = self._views(camera_to_world, sensor)
+        targets, candidates = _selection(self.surface, views)
+        size = render_resolution(options, sensor, self.model)
+        by_pixels = options.criterion == "pixels"
+        rules = Rules(
+            min_pixels=options.min_pixels if by_pixels else 0,
+            by_centre=not by_pixels or takes_second_look(options),
+            tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
+        )
+        return self._caster_of(size).visible(
+            views, targets, candidates, self._hiding(views), rules, origin=self.origin
+        )
 
     def _by_pixels(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
@@ -110,7 +134,7 @@ class Mapper:
         views = self._views(camera_to_world, sensor)
         faces_only = options.occlusion == "paper"  # then backs hide nothing
         targets, candidates = _selection(self.surface, views, faces_only=faces_only)
-        renderer = self._renderer_of(render_resolution(options, sensor, self.model))
+        renderer = self._caster_of(render_resolution(options, sensor, self.model)).renderer
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         second_look = takes_second_look(options)
         for first, images in renderer.id_images(
@@ -124,7 +148,7 @@ class Mapper:
                 images, self.model.n_faces, options.min_pixels
             )
             if second_look:
-                depths = renderer.last_depths(n)
+                depths = renderer.read_depths(n)
                 self._look_again(visible, first, depths, views, candidates, sensor)
         return visible
 
@@ -141,7 +165,7 @@ class Mapper:
                 kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
             occluders = _selection_of_faces(self.surface, kept)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
+        renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
         for first, images in renderer.depth_images(
             views, [occluders, *self._hiding(views)], origin=self.origin
         ):
@@ -163,7 +187,7 @@ class Mapper:
             reach = np.abs(faces.tangent).max(axis=1, initial=0) * _MARGIN
             tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
         views = self._views(camera_to_world, sensor, tan_half=tan_half)
-        renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
+        renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
         visible = np.zeros_like(kept)
         for first, images in renderer.depth_images(
             views,
@@ -222,7 +246,7 @@ class Mapper:
         depth = eye[:, None] - np.sum(backwards[:, None] * self._corners, axis=2)
         # Planes beyond the scene on both sides cut no face and leave the depth buffer its bits.
         clip_far = np.clip(depth.max(axis=1), sensor.max_distance, _FARTHEST * sensor.max_distance)
-        clip_near = np.clip(depth.min(axis=1), _NEAREST * sensor.max_distance, clip_far / 2)
+        clip_near = np.clip(depth.min(axis=1), NEAREST * sensor.max_distance, clip_far / 2)
         reach = np.full(n, sensor.max_distance)
         min_cos = np.full(n, math.cos(sensor.max_incidence))
         return Views(

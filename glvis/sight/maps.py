@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import GlInfo, gl_info
 from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
-from glvis.sight.selftest import check_driver
+from glvis.sight.selftest import can_cast, check_driver
 from glvis.sight.surface import Surface
 
 if TYPE_CHECKING:
@@ -129,13 +130,20 @@ class LocalMaps:
         self.warnings: list[str] = []
         self._sensors = scene.sensors
         self._tiles = tiles
-        self._renderers: dict[tuple[int, int], Renderer] = {}
+        self._casters: dict[tuple[int, int], Caster] = {}
         origin = scene.models[0].bounds.mean(axis=0)
         self._obstacles = [
             Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
         ]
         self._mappers = [
-            Mapper(model, self._obstacles, scene.visibility, origin, self._renderer_of)
+            Mapper(
+                model,
+                self._obstacles,
+                scene.visibility,
+                origin,
+                self._caster_of,
+                casts=can_cast(),
+            )
             for model in scene.models
         ]
 
@@ -153,11 +161,11 @@ class LocalMaps:
             mapper.release()
         for surface in self._obstacles:
             surface.release()
-        for renderer in self._renderers.values():
-            renderer.release()
-        self._renderers.clear()
+        for caster in self._casters.values():
+            caster.release()
+        self._casters.clear()
 
-    def _renderer_of(self, resolution: tuple[int, int]) -> Renderer:
-        if resolution not in self._renderers:
-            self._renderers[resolution] = Renderer(resolution, self._tiles)
-        return self._renderers[resolution]
+    def _caster_of(self, resolution: tuple[int, int]) -> Caster:
+        if resolution not in self._casters:
+            self._casters[resolution] = Caster(Renderer(resolution, self._tiles))
+        return self._casters[resolution]

@@ -8,7 +8,7 @@ are turned once, here: row 0 is the top row for everybody else.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import moderngl
@@ -23,6 +23,7 @@ from glvis.sight.surface import Surface, compiled
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+NEAREST = 1e-3  # share of maxD: what is nearer to the eye hides nothing
 _HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
 # The viewport is this odd number of times as wide and high as the image, which lies in its
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
@@ -61,10 +62,18 @@ class Views:
     def __len__(self) -> int:
         return len(self.camera_to_world)
 
+    def __getitem__(self, some: slice) -> Views:
+        return Views(*(getattr(self, field.name)[some] for field in fields(self)))
+
     @property
     def eye(self) -> Floats:
         """Optical centres in the world, (N, 3)."""
         return self.camera_to_world[:, :3, 3]
+
+    @property
+    def depth_plane(self) -> Floats:
+        """``depth_plane @ (p, 1)`` is a point's distance along the optical axis, (N, 4)."""
+        return -rigid_inverse(self.camera_to_world)[:, 2]
 
     @property
     def planes(self) -> Floats:
@@ -101,6 +110,13 @@ class Selection:
     mask: Bools
     cull_backs: Bools
     by_face: bool = False
+
+    def __getitem__(self, some: slice) -> Selection:
+        return replace(self, mask=self.mask[some], cull_backs=self.cull_backs[some])
+
+    def only(self, mask: Bools) -> Selection:
+        """Return what of it is also in a mask."""
+        return replace(self, mask=self.mask & mask)
 
     def draw(self, program: Any, view: int) -> None:
         """Draw what one of the views has chosen."""
@@ -189,10 +205,10 @@ class Renderer:
         refused_hide : bool
             Whether back and too oblique faces hide what lies behind them.
         """
-        program = compiled("id_buffer", *(["REFUSED_HIDE"] if refused_hide else []))
-        for first, n in self._batches(views, selections, origin, program):
-            self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
-            yield first, self._ids[:n, ::-1]
+        for first, n in self.batches(
+            views, selections, origin=origin, with_ids=True, refused_hide=refused_hide
+        ):
+            yield first, self.read_ids(n)
 
     def depth_images(
         self, views: Views, selections: Sequence[Selection], *, origin: Floats
@@ -202,29 +218,45 @@ class Renderer:
         Values are OpenGL's, in [0, 1]; see ``depth_along_axis``. The arrays are valid until
         the next batch.
         """
-        for first, n in self._batches(views, selections, origin, compiled("depth")):
-            self._depth_only.read_into(
-                self._depths, attachment=-1, components=1, dtype="f4", alignment=4
-            )
-            yield first, self._depths[:n, ::-1]
+        for first, n in self.batches(views, selections, origin=origin):
+            yield first, self.read_depths(n)
 
-    def last_depths(self, n: int) -> NDArray[np.float32]:
-        """Return the depth buffers that belong to the ID images yielded last, (n, H, W)."""
-        self._framebuffer.read_into(
+    def read_ids(self, n: int) -> NDArray[np.uint32]:
+        """Return the ID images of the batch drawn last, (n, H, W)."""
+        self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
+        return self._ids[:n, ::-1]
+
+    def read_depths(self, n: int) -> NDArray[np.float32]:
+        """Return the depth buffers of the batch drawn last, (n, H, W)."""
+        self._depth_only.read_into(
             self._depths, attachment=-1, components=1, dtype="f4", alignment=4
         )
         return self._depths[:n, ::-1]
 
-    def _batches(
+    def use_depths(self, unit: int) -> None:
+        """Bind the depth buffers of the batch drawn last as a texture; its rows count upwards."""
+        self._depth_texture.compare_func = ""
+        self._depth_texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._depth_texture.use(unit)
+
+    def batches(
         self,
         views: Views,
         selections: Sequence[Selection],
+        *,
         origin: Floats,
-        program: Any,
+        with_ids: bool = False,
+        refused_hide: bool = True,
+        behind_cast: bool = False,
     ) -> Iterator[tuple[int, int]]:
-        """Draw the views, ``tiles`` at a time; yield the first view and the number drawn."""
+        """Draw the views, ``tiles`` at a time; yield the first view and the number drawn.
+
+        With ``behind_cast`` what a Caster has cast hides IDs.
+        """
         context = gl_context()
-        framebuffer = self._framebuffer if "face_id" in program else self._depth_only
+        defines = ["REFUSED_HIDE"] * refused_hide + ["BEHIND_CAST"] * behind_cast
+        program = compiled("id_buffer", *defines) if with_ids else compiled("depth")
+        framebuffer = self._framebuffer if with_ids else self._depth_only
         width, height = self.resolution
         side = self._guard // 2
         uniforms = _uniforms(views, self.resolution, self.tiles, self._guard, origin, program)
@@ -249,7 +281,7 @@ class Renderer:
                 if self.tiles > 1:
                     framebuffer.scissor = (0, tile * height, width, height)
                 for name, rows in uniforms.items():
-                    program[name].write(rows[view])
+                    write(program, name, rows[view])
                 for selection in selections:
                     selection.draw(program, view)
             yield first, n
@@ -268,6 +300,13 @@ def faces_in_images(images: NDArray[np.uint32], n_faces: int, min_pixels: int = 
     return seen[:, 1:]
 
 
+def write(program: Any, name: str, value: Any) -> None:
+    """Set a uniform, if the program has it."""
+    member = program.get(name, None)
+    if member is not None:
+        member.write(value)
+
+
 def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Floats:
     """Return distances along the optical axis, scene unit, for depth buffer values [0, 1]."""
     return 2 * far * near / (far + near - (2 * depth.astype(np.float64) - 1) * (far - near))
@@ -280,7 +319,7 @@ def _uniforms(
     guard: int,
     origin: Floats,
     program: Any,
-) -> dict[str, NDArray[np.float32]]:
+) -> dict[str, NDArray[Any]]:
     """Return what a program asks for, by name and view; matrices are multiplied in float64."""
     pose = views.camera_to_world.copy()
     pose[:, :3, 3] -= origin
@@ -299,8 +338,9 @@ def _uniforms(
         "min_ray_cos": views.min_ray_cos,
         "min_axis_cos": views.min_axis_cos,
     }
-    return {
+    uniforms = {
         name: np.ascontiguousarray(rows, dtype=np.float32)
         for name, rows in uniforms.items()
         if name in program
     }
+    return uniforms | {"image_width": np.full(len(views), resolution[0], dtype=np.int32)}

@@ -7,6 +7,7 @@ vertex i the last one of face i, so that it can carry what belongs to the face.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
 
@@ -23,6 +24,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
+TABLE_WIDTH = 4096  # of the textures that hold tables, as cast.comp.glsl has it
 _FORMATS = {"position": "3f", "face_id": "1u", "normal": "3f"}  # as moderngl writes them
 
 
@@ -42,6 +44,7 @@ class Surface:
     def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
         self.clusters, self._origin, self._is_target = clusters, origin, is_target
         self._arrays: dict[Any, VertexArray] = {}
+        self._tables: list[Any] = []
 
     def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
         """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
@@ -55,11 +58,21 @@ class Surface:
             self._arrays[program] = VertexArray(program, *layout)
         self._arrays[program].draw(mask)
 
+    def use_tables(self) -> None:
+        """Bind vertices, corners, centroids and normals as textures 0 to 3, for cast.comp.glsl."""
+        if not self._tables:
+            self._tables = [_texture(rows) for rows in _tables(self.clusters, self._origin)]
+        for unit, table in enumerate(self._tables):
+            table.use(unit)
+
     def release(self) -> None:
         """Give the GPU's memory back."""
         for array in self._arrays.values():
             array.release()
+        for table in self._tables:
+            table.release()
         self._arrays.clear()
+        self._tables.clear()
 
 
 class VertexArray:
@@ -138,16 +151,62 @@ def _position_layout(
     return vertices, number[faces]
 
 
+def _tables(clusters: Clusters, origin: Floats) -> Iterator[NDArray[np.uint32]]:
+    """Yield rows of four words by vertex, and then by face: corners, centre and index, normal.
+
+    Coordinates are the bits of float32; all in integers, because an index read as a float may
+    be flushed to zero.
+    """
+    model, order = clusters.model, clusters.order
+    vertices, faces = _position_layout(clusters, origin)
+    nothing = np.zeros(0, dtype=np.uint32)
+    yield _by_four(vertices["position"].view(np.uint32), nothing)
+    yield _by_four(faces, nothing)
+    yield _by_four((model.centroids[order] - origin).astype(np.float32).view(np.uint32), order)
+    yield _by_four(model.normals[order].astype(np.float32).view(np.uint32), nothing)
+
+
+def _by_four(rows: NDArray[np.uint32], last: NDArray[np.integer]) -> NDArray[np.uint32]:
+    wide = np.zeros((len(rows), 4), dtype=np.uint32)
+    wide[:, :3] = rows
+    wide[: len(last), 3] = last
+    return wide
+
+
+def _texture(rows: NDArray[np.uint32]) -> Any:
+    """Return a texture that holds rows (n, 4), TABLE_WIDTH of them side by side."""
+    lines = max(1, -(-len(rows) // TABLE_WIDTH))
+    padded = np.zeros((lines * TABLE_WIDTH, 4), dtype=np.uint32)
+    padded[: len(rows)] = rows
+    texture = gl_context().texture((TABLE_WIDTH, lines), 4, padded, dtype="u4")
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
+
+
+@cache
+def compiled_compute(name: str, *defines: str) -> Any:
+    """Return the compiled compute shader ``shaders/<name>.comp.glsl``."""
+    file = f"{name}.comp.glsl"
+    return _compiled(file, lambda: gl_context().compute_shader(shader_source(file, *defines)))
+
+
 @cache
 def compiled(name: str, *defines: str) -> Any:
     """Return the compiled program of ``shaders/<name>.*.glsl``."""
-    try:
-        return gl_context().program(
+    return _compiled(
+        f"{name}.*.glsl",
+        lambda: gl_context().program(
             vertex_shader=shader_source(f"{name}.vert.glsl", *defines),
             fragment_shader=shader_source(f"{name}.frag.glsl", *defines),
-        )
+        ),
+    )
+
+
+def _compiled(files: str, compiler: Callable[[], Any]) -> Any:
+    try:
+        return compiler()
     except moderngl.Error as error:
         info = gl_info()
         raise MachineError(
-            f"shaders/{name}.*.glsl did not compile on {info.renderer} ({info.version}): {error}"
+            f"shaders/{files} did not compile on {info.renderer} ({info.version}): {error}"
         ) from error

@@ -1,0 +1,286 @@
+"""Visibility maps where OpenGL 4.3 is there: small faces are cast in a compute shader, not drawn.
+
+A rasteriser sets up every triangle, and for a triangle of a few pixels that is nearly all of
+its cost. Here each view's clusters are parted by the size of their faces in pixels: the small
+ones are cast, one invocation a face (``shaders/cast.comp.glsl``), the large ones are drawn as
+ever. A second pass judges every face against both depths. Images stay where they are: what is
+read back is one bit a face, and the IDs of drawn faces where pixels count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.camera import rigid_inverse
+from glvis.sight.context import gl_context
+from glvis.sight.renderer import NEAREST, Renderer, Selection, Views, faces_in_images
+from glvis.sight.surface import compiled_compute
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_VERSION = 430  # compute shaders and storage buffers
+_SMALL = 32.0  # pixels along an edge up to which a face is cast; beyond, llvmpipe draws as fast
+_CLUSTERS, _DEPTH, _SEEN = range(3)  # storage buffers of the shader
+_DRAWN = 4  # its texture of drawn depths
+# Invocations a work group, as the shader says, and the groups that every OpenGL takes at once.
+_GROUP, _MOST_GROUPS = 64, 65535
+
+# What the shader is told of a view and its work; see View in cast.comp.glsl. Uniform blocks
+# may begin at any multiple of 256 bytes.
+_TOLD = np.dtype(
+    {
+        "names": [
+            "world_to_camera",
+            "tangent_to_pixel",
+            "limits",
+            "clip",
+            "image",
+            "work",
+            "min_pixels",
+        ],
+        "formats": [("f4", (4, 4)), *[("f4", 4)] * 3, ("i4", 4), ("u4", 4), "i4"],
+        "offsets": [0, 64, 80, 96, 112, 128, 144],
+        "itemsize": 256,
+    }
+)
+
+
+def has_compute() -> bool:
+    """Return whether this process's OpenGL has compute shaders."""
+    return int(gl_context().version_code) >= _VERSION
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When a face counts as seen.
+
+    Attributes
+    ----------
+    min_pixels : int
+        By its pixels: in how many it must show; 0 where pixels do not count.
+    by_centre : bool
+        Or else by its centre of mass, if nothing hides it.
+    tolerance : float
+        Share of its depth by which something must be nearer to hide a centre.
+    """
+
+    min_pixels: int
+    by_centre: bool
+    tolerance: float
+
+    @property
+    def defines(self) -> list[str]:
+        """Names that the shader knows them by."""
+        pixels = ["COUNT_PIXELS"] * (self.min_pixels > 0)
+        return ["JUDGE", *pixels, *["LOOK_AT_CENTRE"] * self.by_centre]
+
+
+class Caster:
+    """A renderer, and the two passes beside it.
+
+    Parameters
+    ----------
+    renderer : Renderer
+        Draws the large faces; has the resolution and the number of views at once.
+    """
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+        self._stores = {name: _Store() for name in ("nothing", "depth", "told", "clusters", "seen")}
+
+    def release(self) -> None:
+        """Give the GPU's memory back, the renderer's too."""
+        self.renderer.release()
+        for store in self._stores.values():
+            store.release()
+
+    def visible(
+        self,
+        views: Views,
+        targets: Selection,
+        candidates: Bools,
+        hiding: Sequence[Selection],
+        rules: Rules,
+        *,
+        origin: Floats,
+    ) -> Bools:
+        """Return which faces of the targets each view sees, (N, F) bool.
+
+        Parameters
+        ----------
+        views : Views
+            N cameras of the renderer's resolution.
+        targets : Selection
+            What they see of the model that is counted.
+        candidates : (N, C) bool
+            Its clusters that may have a face to count.
+        hiding : sequence of Selection
+            What they see of what only hides.
+        rules : Rules
+            What counts.
+        origin : (3,) float64
+            As the surfaces were made with.
+        """
+        renderer, n = self.renderer, len(views)
+        selections = [targets, *hiding]
+        share = _SMALL * np.min(2 * views.tan_half / np.array(renderer.resolution), axis=1)
+        near = NEAREST * views.max_distance
+        small = [
+            one.surface.clusters.seen_small(views.depth_plane, near, share) for one in selections
+        ]
+        to_draw = [one.only(~few) for one, few in zip(selections, small, strict=True)]
+        is_drawn = any(one.mask.any() for one in to_draw)
+        with_ids = rules.min_pixels > 0 and bool(to_draw[0].mask.any())
+        n_faces = targets.surface.clusters.model.n_faces
+        words = -(-n_faces // 32)
+
+        work = _Work()
+        casting = [
+            work.add(one, [one.mask & few]) for one, few in zip(selections, small, strict=True)
+        ]
+        to_judge = [candidates & small[0], *[candidates & ~small[0]] * rules.by_centre]
+        judging = work.add(targets, to_judge)
+        self._hold("told", work.told(_told(views, renderer, origin, rules, words)))
+        self._hold("clusters", work.clusters).bind_to_storage_buffer(_CLUSTERS)
+        seen = self._hold("seen", np.zeros((n, words), dtype=np.uint32))
+        seen.bind_to_storage_buffer(_SEEN)
+        cast = compiled_compute("cast")
+        judge = compiled_compute("cast", *rules.defines, *["DRAWN"] * is_drawn)
+        visible = np.zeros((n, n_faces), dtype=bool)
+        drawing = renderer.batches(
+            views, to_draw, origin=origin, with_ids=with_ids, behind_cast=bool(len(work.clusters))
+        )
+        for first in range(0, n, renderer.tiles):
+            some = range(first, min(first + renderer.tiles, n))
+            self._clear_depth()
+            for one, records in zip(selections, casting, strict=True):
+                self._run(cast, one, records, some)
+            gl_context().memory_barrier()
+            if is_drawn:
+                next(drawing)
+                renderer.use_depths(_DRAWN)
+            self._run(judge, targets, judging, some)
+            gl_context().memory_barrier()
+            if with_ids:
+                images = renderer.read_ids(len(some))
+                visible[some] = faces_in_images(images, n_faces, rules.min_pixels)
+        bits = np.frombuffer(seen.read(4 * n * words), dtype=np.uint8).reshape(n, -1)
+        visible |= np.unpackbits(bits, axis=1, count=n_faces, bitorder="little").view(bool)
+        return visible
+
+    def _hold(self, name: str, values: NDArray[Any]) -> Any:
+        return self._stores[name].holding(values)
+
+    def _clear_depth(self) -> None:
+        """Bind depths in which nothing is near."""
+        nothing, depth = self._stores["nothing"], self._stores["depth"]
+        if nothing.buffer is None:
+            width, height = self.renderer.resolution
+            far = np.full(self.renderer.tiles * width * height, np.inf, dtype=np.float32)
+            nothing.holding(far)
+            depth.holding(far)
+        gl_context().copy_buffer(depth.buffer, nothing.buffer)
+        depth.buffer.bind_to_storage_buffer(_DEPTH)
+
+    def _run(self, program: Any, selection: Selection, records: list[_Parts], some: range) -> None:
+        """Dispatch what some views have to do with a surface."""
+        selection.surface.use_tables()
+        told = self._stores["told"].buffer
+        for view in some:
+            for record, groups in records[view]:
+                told.bind_to_uniform_block(0, offset=record * _TOLD.itemsize, size=_TOLD.itemsize)
+                program.run(groups)
+
+
+_Parts = list[tuple[int, int]]  # of a view: number in what is told, work groups
+
+
+class _Work:
+    """Collects what is dispatched: what the shader is told each time, and lists of clusters."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[int, bool, tuple[int, int, int, int]]] = []
+        self._lists: list[NDArray[np.intp]] = [np.zeros(0, dtype=np.intp)]
+        self._begin = 0
+
+    @property
+    def clusters(self) -> NDArray[np.uint32]:
+        """All clusters."""
+        return np.concatenate(self._lists).astype(np.uint32)
+
+    def told(self, views: NDArray[np.void]) -> NDArray[np.void]:
+        """Return what each dispatch is told, for what is told of each view (N,)."""
+        told = views[[view for view, _, _ in self._parts]]
+        told["clip"][:, 3] = [cull_backs for _, cull_backs, _ in self._parts]
+        told["work"] = np.array([work for _, _, work in self._parts]).reshape(-1, 4)
+        return told
+
+    def add(self, selection: Selection, masks: list[Bools]) -> list[_Parts]:
+        """Add chosen clusters of a surface, (N, C) bool each, the first of small faces."""
+        size = selection.surface.clusters.size
+        most = _MOST_GROUPS * _GROUP // size
+        added: list[_Parts] = []
+        for view in range(len(masks[0])):
+            found = [np.flatnonzero(mask[view]) for mask in masks]
+            count = sum(map(len, found))
+            added.append([])
+            for done in range(0, count, most):
+                now, few = min(most, count - done), max(0, len(found[0]) - done)
+                work = (self._begin + done, now, few, size.bit_length() - 1)
+                added[-1].append((len(self._parts), -(-now * size // _GROUP)))
+                self._parts.append((view, bool(selection.cull_backs[view]), work))
+            self._lists += found
+            self._begin += count
+        return added
+
+
+class _Store:
+    """A buffer that grows with what it holds."""
+
+    def __init__(self) -> None:
+        self.buffer: Any = None
+
+    def holding(self, values: NDArray[Any]) -> Any:
+        """Return the buffer with values at its beginning."""
+        if self.buffer is None or self.buffer.size < values.nbytes:
+            self.release()
+            self.buffer = gl_context().buffer(reserve=max(values.nbytes, 256), dynamic=True)
+        if values.nbytes:
+            self.buffer.write(values)
+        return self.buffer
+
+    def release(self) -> None:
+        """Give the memory back."""
+        if self.buffer is not None:
+            self.buffer.release()
+            self.buffer = None
+
+
+def _told(
+    views: Views, renderer: Renderer, origin: Floats, rules: Rules, words: int
+) -> NDArray[np.void]:
+    """Return what the shader must know of each view, (N,) of _TOLD; matrices by column."""
+    told = np.zeros(len(views), dtype=_TOLD)
+    to_camera = rigid_inverse(views.camera_to_world)
+    to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
+    to_camera[:, 2] *= -1  # depth instead of z
+    told["world_to_camera"] = np.swapaxes(to_camera, 1, 2)
+    size = np.array(renderer.resolution)
+    told["tangent_to_pixel"][:, :2] = size / 2 / views.tan_half
+    told["tangent_to_pixel"][:, 2:] = size / 2
+    rows = (views.min_distance, views.max_distance, views.min_ray_cos, views.min_axis_cos)
+    told["limits"] = np.stack(rows, axis=1)
+    told["clip"][:, 0], told["clip"][:, 1] = views.clip_near, views.clip_far
+    told["clip"][:, 2] = rules.tolerance
+    told["min_pixels"] = max(rules.min_pixels, 1)
+    view = np.arange(len(views))
+    told["image"][:, :2] = size
+    told["image"][:, 2] = size[1] * (view % renderer.tiles)
+    told["image"][:, 3] = words * view
+    return told

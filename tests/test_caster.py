@@ -1,0 +1,135 @@
+"""Casting small faces changes no map: against drawing all of them, and against rays."""
+
+import numpy as np
+import oracle
+import pytest
+import shapes
+from sight import DOWN, mapper, random_poses, sensor
+
+import glvis.sight.caster
+from glvis.sight import selftest
+
+pytestmark = pytest.mark.skipif(
+    not glvis.sight.caster.has_compute(), reason="this driver has no compute shaders"
+)
+
+CRITERIA = [
+    {"criterion": "centroid"},
+    {"criterion": "centroid", "incidence": "axis"},
+    {"criterion": "pixels"},
+    {"criterion": "pixels", "incidence": "axis"},
+    {"criterion": "pixels", "resolution": (90, 70)},
+    {"criterion": "pixels", "resolution": (90, 70), "min_pixels": 3},
+]
+ALL_CAST, NONE_CAST, MIXED = 1e9, 0.0, 6.0  # edges in pixels up to which faces are cast
+
+
+def scene(seed):
+    """Return a body, what hides it, poses around and among them, and a sensor."""
+    rng = np.random.default_rng(seed)
+    body = [shapes.blob(rng), shapes.torus(), shapes.tube(), shapes.soup(rng)][seed % 4]
+    obstacle = shapes.moved(shapes.blob(rng, 2, 0.4), rng.normal(size=3))
+    poses = np.concatenate([random_poses(rng, 4), random_poses(rng, 2, distance=1.0)])
+    device = sensor(
+        hfov_deg=60, vfov_deg=45, resolution=(180, 140), near=0.3, far=3.4, max_incidence_deg=75
+    )
+    return body, obstacle, poses, device
+
+
+def visible(seed, small, monkeypatch, *, casts=True, tiles=None, **options):
+    monkeypatch.setattr(glvis.sight.caster, "_SMALL", small)
+    body, obstacle, poses, device = scene(seed)
+    with mapper(body, [obstacle], casts=casts, tiles=tiles, **options) as made:
+        return made.visible(poses, device)
+
+
+@pytest.mark.parametrize("options", CRITERIA, ids=lambda o: "-".join(map(str, o.values())))
+@pytest.mark.parametrize("small", [ALL_CAST, MIXED, NONE_CAST], ids=["all", "mixed", "none"])
+def test_cast_faces_are_seen_as_drawn_ones(small, options, monkeypatch):
+    differing = seen = 0
+    for seed in range(8):
+        drawn = visible(seed, small, monkeypatch, casts=False, **options)
+        cast = visible(seed, small, monkeypatch, **options)
+        differing += np.count_nonzero(drawn != cast)
+        seen += np.count_nonzero(drawn)
+    # a draw moves corners to 1/256 of a pixel, casting does not: faces that a pixel's ray just
+    # meets or misses may differ, where only the pixels decide and where an occluder ends
+    assert seen > 2000 and differing <= 0.001 * seen
+
+
+def test_the_mixed_case_above_is_mixed():
+    body, _, poses, device = scene(1)
+    with mapper(body, criterion="centroid") as made:
+        views, clusters = made._views(poses, device), made.surface.clusters
+        share = np.full(len(poses), MIXED * 2 * views.tan_half[0, 0] / 180)
+        small = clusters.seen_small(views.depth_plane, np.zeros(len(poses)), share)
+    assert 0.1 < small.mean() < 0.9
+
+
+@pytest.mark.parametrize("options", CRITERIA[:4], ids=lambda o: "-".join(map(str, o.values())))
+def test_how_many_views_share_the_buffers_changes_nothing(options, monkeypatch):
+    one = visible(1, MIXED, monkeypatch, tiles=1, **options)
+    for tiles in (4, 16):
+        assert np.array_equal(one, visible(1, MIXED, monkeypatch, tiles=tiles, **options))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_ray_slips_through_between_neighbours(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    # a finely cut plate wholly hides a wall, whatever way its cells are turned
+    turn = np.linalg.qr(rng.normal(size=(2, 2)))[0]
+    vertices, faces = shapes.plate(2.4, center=(0, 0, 0), cells=(90, 70))
+    vertices[:, :2] = vertices[:, :2] @ (turn * np.sign(np.linalg.det(turn)))
+    plate = (vertices + np.array([0, 0, -2]), faces)
+    wall = shapes.plate(1.0, center=(0, 0, -3), cells=(40, 40))
+    monkeypatch.setattr(glvis.sight.caster, "_SMALL", ALL_CAST)
+    for size in ((173, 131), (64, 64)):
+        with mapper(wall, [plate], casts=True, resolution=size) as made:
+            assert not made.visible(DOWN[None], sensor(far=10)).any()
+        with mapper(wall, casts=True, resolution=size) as made:
+            assert made.visible(DOWN[None], sensor(far=10)).any()
+
+
+def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
+    monkeypatch.setattr(glvis.sight.caster, "_SMALL", ALL_CAST)
+    wall = shapes.plate(4, center=(0, 0, -3), cells=(20, 20))
+    # a blade that runs from behind the eye to before it, left of the axis
+    blade = (
+        np.array([[-0.05, -9.0, 1.0], [-0.05, 9.0, 1.0], [-0.05, 0.0, -1.0]]),
+        np.array([[0, 1, 2]]),
+    )
+    for casts in (False, True):
+        with mapper(wall, [blade], casts=casts, criterion="centroid") as made:
+            seen = made.visible(DOWN[None], sensor(far=10, resolution=(300, 300)))[0]
+        left = shapes.corners(wall).mean(axis=1)[:, 0] < -0.5
+        right = shapes.corners(wall).mean(axis=1)[:, 0] > 0.0
+        assert seen[right].sum() > 50 and seen[left].sum() < 0.2 * seen[right].sum()
+
+
+def test_work_beyond_one_dispatch_is_split(monkeypatch):
+    whole = visible(1, MIXED, monkeypatch, criterion="pixels")
+    monkeypatch.setattr(glvis.sight.caster, "_MOST_GROUPS", 3)
+    assert np.array_equal(whole, visible(1, MIXED, monkeypatch, criterion="pixels"))
+
+
+def test_tiny_faces_far_from_the_origin_are_seen_as_rays_see_them(monkeypatch):
+    rng = np.random.default_rng(5)
+    far_away = np.array([4000.0, -2500.0, 900.0])
+    vertices, faces = shapes.icosphere(5)  # 20,480 faces of half a pixel
+    body = (vertices + far_away, faces)
+    poses = random_poses(rng, 2)
+    poses[:, :3, 3] += far_away
+    device = sensor(resolution=(120, 120), far=10)
+    with mapper(body, casts=True, origin=far_away, criterion="centroid") as made:
+        ours = made.visible(poses, device)
+    eye = oracle.Eye.of(device)
+    theirs = np.stack([oracle.centroid_visible(pose, eye, shapes.corners(body)) for pose in poses])
+    assert np.count_nonzero(ours & theirs) >= 0.99 * np.count_nonzero(ours | theirs) > 5000
+
+
+def test_a_driver_that_judges_wrongly_is_not_trusted_with_casting(monkeypatch):
+    assert selftest.can_cast()
+    selftest.can_cast.cache_clear()
+    monkeypatch.setattr(selftest.Caster, "visible", lambda *a, **k: np.ones((1, 4), dtype=bool))
+    assert not selftest.can_cast()
+    selftest.can_cast.cache_clear()
