@@ -36,7 +36,7 @@ ARROWS = {
     "context": "errors",
     "surface": "clusters context errors glsl",
     "renderer": "camera clusters context errors glsl surface",
-    "caster": "camera context renderer surface",
+    "caster": "context renderer surface",
     "visibility": "camera scene sensor clusters crops renderer",
     "mapper": "camera scene sensor caster clusters crops context renderer surface visibility",
     "swarm": "box swarm_options",

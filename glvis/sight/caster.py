@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.camera import rigid_inverse
 from glvis.sight.context import gl_context
 from glvis.sight.renderer import NEAREST, Renderer, Selection, Views, faces_in_images
 from glvis.sight.surface import compiled_compute
@@ -154,11 +153,12 @@ class Caster:
         judge = compiled_compute("cast", *rules.defines, *["DRAWN"] * is_drawn)
         visible = np.zeros((n, n_faces), dtype=bool)
         drawing = renderer.batches(
-            views, to_draw, origin=origin, with_ids=with_ids, behind_cast=bool(len(work.clusters))
+            views, to_draw, origin=origin, with_ids=with_ids, behind_cast=len(work) > 0
         )
         for first in range(0, n, renderer.tiles):
             some = range(first, min(first + renderer.tiles, n))
-            self._clear_depth()
+            if len(work):
+                self._clear_depth()
             for one, records in zip(selections, casting, strict=True):
                 self._run(cast, one, records, some)
             gl_context().memory_barrier()
@@ -208,6 +208,9 @@ class _Work:
         self._parts: list[tuple[int, bool, tuple[int, int, int, int]]] = []
         self._lists: list[NDArray[np.intp]] = [np.zeros(0, dtype=np.intp)]
         self._begin = 0
+
+    def __len__(self) -> int:
+        return len(self._parts)
 
     @property
     def clusters(self) -> NDArray[np.uint32]:
@@ -267,7 +270,7 @@ def _told(
 ) -> NDArray[np.void]:
     """Return what the shader must know of each view, (N,) of _TOLD; matrices by column."""
     told = np.zeros(len(views), dtype=_TOLD)
-    to_camera = rigid_inverse(views.camera_to_world)
+    to_camera = views.world_to_camera.copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
     to_camera[:, 2] *= -1  # depth instead of z
     told["world_to_camera"] = np.swapaxes(to_camera, 1, 2)

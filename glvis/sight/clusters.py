@@ -130,12 +130,10 @@ class Clusters:
         slack = _SLACK * self._extent
         low, high = self.model.bounds
         safe = np.any((eye < low - slack) | (eye > high + slack), axis=1)
-        corners = self._caps
-        if len(corners):
-            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            behind = eye @ normal.T <= np.sum(normal * corners[:, 0], axis=1)
-            points = np.concatenate([corners.reshape(-1, 3), np.ones((3 * len(corners), 1))], 1)
-            outside = np.zeros((len(eye), len(corners)), dtype=bool)
+        normal, offset, points = self._cap_planes
+        if len(normal):
+            behind = eye @ normal.T <= offset
+            outside = np.zeros(behind.shape, dtype=bool)
             for k in range(planes.shape[1]):
                 below = planes[:, k] @ points.T < -slack
                 outside |= below.reshape(len(eye), -1, 3).all(axis=2)
@@ -233,6 +231,14 @@ class Clusters:
         )
         a, b = points[local[:, 0]], points[local[:, 1]]
         return np.stack([a, b, middle[loop_of_vertex[local[:, 0]]]], axis=1)
+
+    @cached_property
+    def _cap_planes(self) -> tuple[Floats, Floats, Floats]:
+        """Normals (B, 3), their products with a corner (B,), homogeneous corners (3 B, 4)."""
+        corners = self._caps
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        points = np.concatenate([corners.reshape(-1, 3), np.ones((3 * len(corners), 1))], axis=1)
+        return normal, np.sum(normal * corners[:, 0], axis=1), points
 
 
 def _morton_code(points: Floats) -> NDArray[np.uint64]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import moderngl
@@ -70,10 +71,15 @@ class Views:
         """Optical centres in the world, (N, 3)."""
         return self.camera_to_world[:, :3, 3]
 
+    @cached_property
+    def world_to_camera(self) -> Floats:
+        """The poses' inverses, (N, 4, 4)."""
+        return rigid_inverse(self.camera_to_world)
+
     @property
     def depth_plane(self) -> Floats:
         """``depth_plane @ (p, 1)`` is a point's distance along the optical axis, (N, 4)."""
-        return -rigid_inverse(self.camera_to_world)[:, 2]
+        return -self.world_to_camera[:, 2]
 
     @property
     def planes(self) -> Floats:
@@ -87,7 +93,7 @@ class Views:
             planes[:, k, 2] = -tan / length  # depth is -z
         planes[:, 4, 2] = 1.0  # z >= -maxD
         planes[:, 4, 3] = self.max_distance
-        return planes @ rigid_inverse(self.camera_to_world)
+        return planes @ self.world_to_camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,12 +297,15 @@ def faces_in_images(images: NDArray[np.uint32], n_faces: int, min_pixels: int = 
     """Return which faces show in at least ``min_pixels`` pixels of ID images, (n, F) bool."""
     seen = np.zeros((len(images), n_faces + 1), dtype=bool)
     for flags, image in zip(seen, images, strict=True):
-        # as the GPU left it: no copy; NumPy indexes by its own integers several times faster
-        ids = image[::-1].ravel().astype(np.intp)
+        ids = image[::-1].ravel()  # as the GPU left it: no copy
+        # neighbours along a row mostly show the same face: look at each run once
+        begins = np.concatenate([[0], np.flatnonzero(ids[1:] != ids[:-1]) + 1])
+        faces = ids[begins].astype(np.intp)
         if min_pixels == 1:
-            flags[ids] = True
+            flags[faces] = True
         else:
-            flags[:] = np.bincount(ids, minlength=n_faces + 1) >= min_pixels
+            pixels = np.diff(begins, append=len(ids))
+            flags[:] = np.bincount(faces, pixels, minlength=n_faces + 1) >= min_pixels
     return seen[:, 1:]
 
 
