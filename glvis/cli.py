@@ -223,6 +223,14 @@ def optimize(
             "As many as there are cores, unless given.",
         ),
     ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Render on the workers of a dask cluster instead, by the address of its "
+            "scheduler, such as tcp://scheduler:8786; needs glvis\\[cluster].",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     resume: Annotated[
         Path | None,
@@ -263,7 +271,8 @@ def optimize(
         with progress_shown() as show:
             return place_sensors(
                 loaded,
-                workers=workers or available_cores(),
+                workers=1 if cluster else workers or available_cores(),
+                cluster=cluster,
                 on_iteration=show,
                 checkpoint=checkpoint,
                 resume=goes_on,
@@ -277,6 +286,8 @@ def optimize(
         raise StudyError("--extend adds to a search that was run before: it needs --resume DIR")
     if resume and output:
         raise StudyError("-o: a search that goes on writes into its own folder, --resume DIR")
+    if workers and cluster:
+        raise StudyError("--workers are processes here, --cluster has its own: give one of them")
     directory = resume or output
     if not (study or resume) or (directory is None and not dry_run):
         raise StudyError("needs STUDY and -o DIR, or --resume DIR; 'glvis optimize --help'")

@@ -16,6 +16,7 @@ from rich.progress import Progress as Bar
 from glvis.optim.placement import Progress
 
 _SECONDS_BETWEEN_LINES = 5.0
+_MOST_NAMES = 3  # of workers in a line
 
 
 def say(text: str = "", *, error: bool = False) -> None:
@@ -108,8 +109,17 @@ def _numbers(progress: Progress) -> str:
     return (
         f"best {progress.best:.6g}  mean {progress.mean:.6g}  "
         f"{_rate(progress.evaluations_per_second)} evaluations/s  "
-        f"{duration(progress.seconds_left)} left"
+        f"{duration(progress.seconds_left)} left{_who(progress.workers)}"
     )
+
+
+def _who(workers: Sequence[str]) -> str:
+    """Return workers by name, the first of many."""
+    if not workers:
+        return ""
+    more = len(workers) - _MOST_NAMES
+    names = ", ".join(workers[:_MOST_NAMES])
+    return f"  by {names}" + (f" and {more} more" if more > 0 else "")
 
 
 def _rate(value: float) -> str:

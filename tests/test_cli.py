@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -449,6 +450,13 @@ def test_lines_come_now_and_then_and_at_the_end(capsys):
     assert lines[0] == (
         "iteration 0/100  best 1.5  mean 0.25  8 evaluations/s  2 min 10 s left"
     )  # fmt: skip
+
+
+def test_workers_elsewhere_are_named_the_first_of_many(capsys):
+    for names in (("ann", "bob"), tuple("abcde")):
+        _Lines(sys.stderr)(replace(progress(0), workers=names))
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.endswith(" left  by ann, bob") and second.endswith(" left  by a, b, c and 2 more")
 
 
 def test_times_are_told_as_people_tell_them():

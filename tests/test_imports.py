@@ -51,11 +51,14 @@ ARROWS = {
     "evaluator": "scene sensor context visibility objective study maps",
     "worker": "maps",
     "workers": "context errors maps",
+    "remote": "context errors maps",
+    "cluster": "errors maps remote workers",
     "search": "auto box greedy refine script study swarm",
     "checkpoint": "errors study",
     "run": "checkpoint errors evaluator search study",
     "reach": "box evaluator visibility",
-    "placement": "checkpoint context evaluator maps reach run search study visibility workers",
+    "placement": "checkpoint cluster context evaluator maps reach run search study visibility"
+    " workers",
     "folder": "errors",
     "tables": "objective scene visibility",
     "within_reach": "placement reach scene visibility",
@@ -117,6 +120,7 @@ DOORS = {
     "pyswarms": "swarm",
     "pydantic": "schema complaints study",
     "typer": "cli cli_options cli_results cli_series",
+    "distributed": "cluster remote",
     "embreex": "",  # the rival that tools/bench measures; never part of the product
 }
 

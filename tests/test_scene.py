@@ -1,6 +1,7 @@
 """Models: shapes whose every number is known, every format, every broken file."""
 
 import json
+import pickle
 import struct
 
 import numpy as np
@@ -514,3 +515,10 @@ def test_the_real_arms_are_consistent_and_nearly_closed(shared_data):
         assert arm.is_consistent
         assert 0 < arm.boundary_edges < 100  # cut off above the wrist
         assert 2 < arm.mean_edge < 6
+
+
+def test_other_processes_are_sent_only_what_the_rest_follows_from():
+    ball = model(icosphere(3))
+    before, centroids = len(pickle.dumps(ball)), ball.centroids
+    assert ball.is_closed and ball.areas.any() and len(pickle.dumps(ball)) == before
+    assert np.array_equal(pickle.loads(pickle.dumps(ball)).centroids, centroids)

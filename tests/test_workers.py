@@ -109,7 +109,7 @@ def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, positions):
     jobs = some_jobs(study, positions)
     workers = Workers(MapScene.of(study), 2, patience=1.0)
     while not all(worker.is_ready for worker in workers._crew):
-        workers._listen(glvis.optim.workers._Call([], 1))
+        workers._listen(glvis.optim.workers._Call())
     frozen = processes(workers)[1]
     os.kill(frozen.pid, signal.SIGSTOP)
     made = list(workers.make(jobs))

@@ -7,7 +7,7 @@ are indexed by them. The only module that talks to trimesh.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -101,6 +101,10 @@ class Model:
         if not model.areas.any():
             raise ValueError(f"has {model.n_faces} faces and none of them has any area")
         return model
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what other processes are sent; what follows from it they work out themselves."""
+        return {mine.name: getattr(self, mine.name) for mine in fields(self)}
 
     @property
     def n_faces(self) -> int:

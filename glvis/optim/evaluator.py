@@ -145,6 +145,16 @@ class Evaluator:
             ]
 
     @property
+    def workers(self) -> int:
+        """How many processes render."""
+        return self._maps.workers
+
+    @property
+    def worker_names(self) -> Sequence[str]:
+        """Who renders on other machines, at the moment."""
+        return self._maps.names
+
+    @property
     def warnings(self) -> list[str]:
         """What went wrong without harm to the values, such as a worker that was replaced."""
         return self._maps.warnings

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glvis.inputs.study import Study
 from glvis.optim.checkpoint import read_checkpoint
+from glvis.optim.cluster import ClusterMaps
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.reach import Reach, sampled_reach
 from glvis.optim.run import Progress, Run
@@ -150,6 +151,7 @@ def place_sensors(
     study: Study,
     *,
     workers: int = 1,
+    cluster: str | None = None,
     on_iteration: Callable[[Progress], None] | None = None,
     checkpoint: Path | None = None,
     resume: bool = False,
@@ -167,6 +169,9 @@ def place_sensors(
         What is searched and how.
     workers : int
         Processes that render; the result is the same for any number.
+    cluster : str, optional
+        Address of a dask scheduler, such as ``tcp://scheduler:8786``, whose workers render
+        in place of processes here; the result is the same.
     on_iteration : callable, optional
         Is told the Progress after each iteration.
     checkpoint : Path, optional
@@ -182,12 +187,14 @@ def place_sensors(
     Raises
     ------
     ValueError
-        If ``workers`` is less than 1, or ``resume`` or ``extend`` miss what they need.
+        If ``workers`` is less than 1 or given with ``cluster``, or ``resume`` or ``extend`` miss
+        what they need.
     StudyError
-        If there is nothing to resume, or the study has changed since.
+        If there is nothing to resume, or the study has changed since, or ``cluster`` is no
+        address.
     MachineError
-        Where there is no OpenGL, workers die again and again, or the checkpoint cannot be
-        written.
+        Where there is no OpenGL, workers die again and again, the checkpoint cannot be
+        written, or the cluster does not answer.
     """
     if resume and checkpoint is None:
         raise ValueError("resume needs a checkpoint")
@@ -195,10 +202,12 @@ def place_sensors(
         raise ValueError("extend needs resume")
     if workers < 1:
         raise ValueError(f"workers = {workers} must be at least 1")
+    if cluster and workers != 1:
+        raise ValueError("workers are processes here, cluster has its own: give one of them")
     if not study.variables:
         return evaluate_poses(study)
     saved = read_checkpoint(checkpoint, study) if checkpoint and resume else None
-    with _interruptions() as interrupted, _evaluator(study, workers) as evaluator:
+    with _interruptions() as interrupted, _evaluator(study, workers, cluster) as evaluator:
         run = Run(study, evaluator, checkpoint, saved)
         if extend:
             run.search.extend(extend)
@@ -236,18 +245,20 @@ def place_sensors(
             evaluations=counted[0],
             maps_rendered=counted[1],
             gl=evaluator.gl,
-            workers=workers,
+            workers=evaluator.workers,
             warnings=tuple(run.warnings),
             reach=reach,
         )
 
 
-def _evaluator(study: Study, workers: int = 1) -> Evaluator:
+def _evaluator(study: Study, workers: int = 1, cluster: str | None = None) -> Evaluator:
     """Return an evaluator; where the CPU draws in this process, it does so in this thread.
 
     llvmpipe's own threads cost more than they give on images of this size; the user's word
     on them holds. The variable is read when the context is made.
     """
+    if cluster:
+        return Evaluator(study, maps=ClusterMaps(MapScene.of(study), cluster))
     if workers != 1:
         return Evaluator(study, maps=Workers(MapScene.of(study), workers))
     name = "LP_NUM_THREADS"

@@ -36,6 +36,8 @@ class Progress:
         Since the start of this process's part of the run.
     seconds, seconds_left : float
         Of the run so far, and until ``iterations`` at this speed; a run may stall before.
+    workers : tuple of str
+        Names of those that render on other machines, at the moment.
     """
 
     iteration: int
@@ -46,6 +48,7 @@ class Progress:
     evaluations_per_second: float
     seconds: float
     seconds_left: float
+    workers: tuple[str, ...] = ()
 
 
 class Run:
@@ -214,4 +217,5 @@ class Run:
             evaluations_per_second=done / here if here > 0 else math.nan,
             seconds=seconds,
             seconds_left=seconds / len(self.trace) * max(0, most - last.iteration),
+            workers=tuple(self._evaluator.worker_names),
         )

@@ -59,6 +59,30 @@ def _cgroup_limit() -> str:
         return ""
 
 
+def shared_out(
+    jobs: Sequence[MapJob], workers: int, least: int, most: int
+) -> tuple[list[MapJob], list[tuple[int, int]]]:
+    """Return jobs in parts for workers, and of each job its parts, begin and end.
+
+    Parameters
+    ----------
+    jobs : sequence of MapJob
+        Of any size.
+    workers : int
+        How many share them; each gets four parts at least, so that they end together,
+    least, most : int
+        but no parts of fewer poses than ``least``, nor of more than ``most``.
+    """
+    size = max(least, min(most, -(-sum(map(len, jobs)) // (4 * workers))))
+    parts: list[MapJob] = []
+    spans = []
+    for job in jobs:
+        begin = len(parts)
+        parts += job.parts(size)
+        spans.append((begin, len(parts)))
+    return parts, spans
+
+
 class Workers:
     """Processes that make maps; used as an Evaluator's ``maps``.
 
@@ -88,6 +112,8 @@ class Workers:
         Where a worker finds no OpenGL, or workers die again and again.
     """
 
+    names: Sequence[str] = ()
+
     def __init__(self, scene: MapScene, n: int, *, patience: float = PATIENCE) -> None:
         if n < 1:
             raise ValueError(f"workers = {n} must be at least 1")
@@ -103,7 +129,7 @@ class Workers:
         try:
             self._crew += [_Worker(number) for number in range(1, n + 1)]
             while self._gl is None:
-                self._listen(_Call([], 1))
+                self._listen(_Call())
         except BaseException:
             self.release()
             raise
@@ -117,10 +143,8 @@ class Workers:
         MachineError
             If three workers die over the same maps. What a worker raises is raised here.
         """
-        total = sum(map(len, jobs))
         most = _JOB_ON_CPU if self.gl.is_software else _JOB_ON_GPU
-        # four parts a worker at least, so that they end together
-        call = _Call(jobs, max(_LEAST, min(most, -(-total // (4 * self.workers)))))
+        call = _Call(*shared_out(jobs, self.workers, _LEAST, most))
         self._call += 1
         for begin, end in call.spans:
             while not all(part in call.made for part in range(begin, end)):
@@ -213,13 +237,8 @@ class Workers:
 class _Call:
     """The parts of the jobs of one ``make``, and what is known of them."""
 
-    def __init__(self, jobs: Sequence[MapJob], most: int) -> None:
-        self.parts: list[MapJob] = []
-        self.spans: list[tuple[int, int]] = []  # of each job: its parts, begin and end
-        for job in jobs:
-            begin = len(self.parts)
-            self.parts += job.parts(most)
-            self.spans.append((begin, len(self.parts)))
+    def __init__(self, parts: Sequence[MapJob] = (), spans: Sequence[tuple[int, int]] = ()) -> None:
+        self.parts, self.spans = parts, spans
         self.waiting = deque(range(len(self.parts)))
         self.made: dict[int, Bits] = {}
         self.deaths: dict[int, int] = {}

@@ -92,6 +92,7 @@ class MapMaker(Protocol):
 
     gl: GlInfo
     workers: int
+    names: Sequence[str]  # of workers on other machines
     warnings: list[str]
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
@@ -123,6 +124,7 @@ class LocalMaps:
     """
 
     workers = 1
+    names: Sequence[str] = ()
 
     def __init__(self, scene: MapScene, tiles: int | None = None) -> None:
         self.gl = gl_info()

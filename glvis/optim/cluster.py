@@ -1,0 +1,283 @@
+"""Makes maps on the workers of a dask.distributed cluster, each with its own OpenGL context.
+
+Every worker is sent the scene once and then a few poses at a time. What a lost worker had not
+delivered dask gives to the others; a map depends on nothing but its pose, so nobody can tell from
+the result. dask is imported when a cluster is wanted, not before.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
+from itertools import count
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+import numpy as np
+
+from glvis.errors import MachineError, StudyError
+from glvis.optim.workers import shared_out
+from glvis.sight.maps import Bits, MapJob, MapScene
+
+if TYPE_CHECKING:
+    from glvis.optim.remote import Answer
+
+# Seconds without any answer after which a cluster is given up. dask itself gives up a worker that
+# falls silent after 300 s (its worker-ttl) and lets the others take over: that must come first.
+PATIENCE = 600.0
+PATIENCE_START = 60.0  # seconds to wait for a first worker, where nothing is lost yet
+_TO_CONNECT = 10.0  # seconds
+_TICK = 1.0  # seconds between looks at who is there
+# Poses a task: so many that what dask spends on a task is small beside its maps (measured by
+# tools/bench_cluster), so few that they share out evenly.
+_MOST_ON_CPU, _MOST_ON_GPU, _LEAST = 128, 256, 16
+_ADDRESS = re.compile(r"(tcp|tls)://\S+:\d+")
+
+
+class ClusterMaps:
+    """The workers of a cluster as makers of maps; used as an Evaluator's ``maps``.
+
+    Parameters
+    ----------
+    scene : MapScene
+        What there is to see, and by which sensors.
+    address : str
+        Of the scheduler, such as ``tcp://scheduler:8786``.
+    patience : float, optional
+        Seconds without any answer after which the cluster is given up.
+    patience_start : float, optional
+        Seconds to wait for a first worker.
+
+    Attributes
+    ----------
+    gl : GlInfo
+        Who draws, by the word of the first worker that answered.
+    workers : int
+        Most workers that were there at one time.
+    names : sequence of str
+        Of the workers that are there.
+    warnings : list of str
+        One for each worker that was lost, has another driver, or wastes threads.
+
+    Raises
+    ------
+    StudyError
+        If ``address`` is none.
+    MachineError
+        Where dask.distributed is missing, no scheduler or no worker answers, or versions differ.
+    """
+
+    def __init__(
+        self,
+        scene: MapScene,
+        address: str,
+        *,
+        patience: float = PATIENCE,
+        patience_start: float = PATIENCE_START,
+    ) -> None:
+        if not _ADDRESS.fullmatch(address):
+            raise StudyError(
+                f"cluster = '{address}' must be the address of a dask scheduler, such as "
+                "tcp://scheduler:8786"
+            )
+        self.address, self.workers = address, 0
+        self.names: Sequence[str] = ()
+        self.warnings: list[str] = []
+        self._distributed, self._remote = _imported()
+        self._patience = patience_start
+        self._heard = time.monotonic()
+        self._crew: dict[str, str] = {}  # names by address, of those that are there
+        self._run, self._number = uuid4().hex, count()  # names of tasks, no two the same
+        self._scene = ""  # its name on the workers
+        self._client = self._connected()
+        try:
+            self._check_versions()
+            for orphan in self._asked(partial(self._client.run_on_scheduler, self._remote.orphans)):
+                self._free(orphan)
+            there = self._remote.SceneThere(scene, self._client.id)
+            self._scene = there.name
+            self._asked(partial(self._client.register_plugin, there))
+            self._look_round()
+            while not self._crew:
+                self._check_patience()
+                time.sleep(_TICK / 10)
+                self._look_round()
+            self._patience = patience
+            ((_, self.gl, _),) = next(self._answers([None])).values()
+        except BaseException:
+            self.release()
+            raise
+
+    def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
+        """Yield the maps of each job, in their order.
+
+        Raises
+        ------
+        MachineError
+            If the scheduler is lost, nobody answers for long, versions differ, or several workers
+            die over the same maps. What else a worker raises is raised here.
+        """
+        most = _MOST_ON_CPU if self.gl.is_software else _MOST_ON_GPU
+        parts, spans = shared_out(jobs, max(1, len(self._crew)), _LEAST, most)
+        answers = self._answers(parts)
+        made: dict[int, Bits] = {}
+        for begin, end in spans:
+            while not all(part in made for part in range(begin, end)):
+                for part, (worker, gl, bits) in next(answers).items():
+                    made[part] = bits
+                    if gl != self.gl:
+                        self._warn(
+                            f"worker {self._crew.get(worker, worker)} draws with {gl.renderer} "
+                            f"({gl.version}), others with {self.gl.renderer} ({self.gl.version})"
+                        )
+            yield np.concatenate([made.pop(part) for part in range(begin, end)])
+
+    def release(self) -> None:
+        """Let go of the scene and leave the cluster."""
+        if self._scene and self._client.status == "running":
+            self._free(self._scene)
+        with suppress(OSError):
+            self._client.close()
+
+    def _free(self, scene: str) -> None:
+        """Let workers forget a scene; what cannot be told now, the next client tells them."""
+        with suppress(OSError, ValueError, self._distributed.CancelledError):
+            self._client.unregister_worker_plugin(scene)
+
+    def _connected(self) -> Any:
+        try:
+            return self._distributed.Client(
+                self.address,
+                timeout=min(self._patience, _TO_CONNECT),
+                set_as_default=False,
+                name="glvis",
+            )
+        except (OSError, TimeoutError, ValueError) as error:
+            raise MachineError(
+                f"no dask scheduler answers at {self.address}: {_first_line(error)}"
+            ) from error
+
+    def _check_versions(self) -> None:
+        """Refuse workers, and a scheduler, that have other packages than this process."""
+        found = self._asked(partial(self._client.get_versions, packages=["glvis"]))
+        ours = {name: found["client"]["packages"][name] for name in self._remote.VERSIONS}
+        everybody = {"the scheduler": found["scheduler"]} | {
+            f"worker {worker}": there for worker, there in found["workers"].items()
+        }
+        for who, there in everybody.items():
+            self._remote.compare_versions(who, there["packages"], ours)
+
+    def _look_round(self) -> None:
+        """Take down who came, and who is gone."""
+        info = self._asked(partial(self._client.scheduler_info, n_workers=-1)).get("workers")
+        if info is None:  # dask has given up the connection
+            raise self._lost()
+        for address, name in self._crew.items():
+            if address not in info:
+                self._warn(f"worker {name} was lost; what it had not delivered others made again")
+        for address, there in info.items():
+            if address not in self._crew and there["nthreads"] > 1:
+                self._warn(
+                    f"worker {there['name']} has {there['nthreads']} threads and draws with one; "
+                    "start one worker a core instead, with --nthreads 1"
+                )
+        self._crew = {address: str(there["name"]) for address, there in info.items()}
+        self.names = tuple(self._crew.values())
+        self.workers = max(self.workers, len(self._crew))
+
+    def _warn(self, text: str) -> None:
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def _answers(self, jobs: Sequence[MapJob | None]) -> Iterator[dict[int, Answer]]:
+        """Yield the answers to jobs as they come, by their number."""
+        keys = [(f"glvis-maps-{self._run}", next(self._number)) for _ in jobs]
+        shared = {"scene": self._scene, "versions": self._remote.VERSIONS, "pure": False}
+        submit = partial(self._client.map, self._remote.draw, list(jobs), key=keys, **shared)
+        futures = dict(enumerate(self._asked(submit)))
+        done: SimpleQueue[int] = SimpleQueue()
+        for number, future in futures.items():
+            future.add_done_callback(lambda _, number=number: done.put(number))
+        self._heard = time.monotonic()
+        while futures:
+            ready = self._ready(done)
+            answers = self._gathered([futures.pop(number) for number in ready])
+            self._heard = time.monotonic()
+            if not futures:  # who was lost on the way is a warning of this call
+                self._look_round()
+            yield dict(zip(ready, answers, strict=True))
+
+    def _ready(self, done: SimpleQueue[int]) -> list[int]:
+        """Wait for numbers of answers."""
+        while True:
+            with suppress(Empty):
+                ready = [done.get(timeout=_TICK)]
+                while not done.empty():
+                    ready.append(done.get())
+                return ready
+            self._look_round()
+            self._check_patience()
+
+    def _gathered(self, futures: list[Any]) -> list[Answer]:
+        """Return what futures hold; dask makes again what was lost on its way."""
+        gather = partial(self._client.gather, futures, asynchronous=True)
+        try:
+            return self._client.sync(gather, callback_timeout=self._patience)
+        except self._distributed.KilledWorker as error:
+            raise MachineError(
+                f"{self.address}: {error.allowed_failures + 1} workers died over the same maps, "
+                f"the last was {error.last_worker.address}; its log may say why"
+            ) from error
+        except ImportError as error:
+            raise MachineError(
+                f"{self.address}: a worker cannot load glvis ({error}); install the same there"
+            ) from error
+        except TimeoutError as error:
+            self._look_round()
+            raise self._silence() from error
+        except (OSError, self._distributed.CancelledError) as error:
+            raise self._lost() from error
+
+    def _asked(self, question: Callable[[], Any]) -> Any:
+        """Return an answer from the scheduler."""
+        try:
+            return question()
+        except (OSError, self._distributed.CancelledError) as error:
+            raise self._lost() from error
+
+    def _lost(self) -> MachineError:
+        return MachineError(f"the dask scheduler at {self.address} was lost")
+
+    def _check_patience(self) -> None:
+        if time.monotonic() - self._heard >= self._patience:
+            raise self._silence()
+
+    def _silence(self) -> MachineError:
+        who = f"none of {len(self._crew)} workers answered" if self._crew else "no worker"
+        return MachineError(
+            f"{self.address}: {who} for {time.monotonic() - self._heard:.3g} s; start some by: "
+            f"dask worker {self.address} --nthreads 1"
+        )
+
+
+def _imported() -> tuple[Any, Any]:
+    try:
+        import distributed
+
+        from glvis.optim import remote
+    except ImportError as error:
+        raise MachineError(
+            f"a cluster needs dask.distributed ({error}); install it by: "
+            "pip install 'glvis[cluster]'"
+        ) from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are told here
+    return distributed, remote
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().partition("\n")[0] or type(error).__name__

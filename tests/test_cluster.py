@@ -1,0 +1,424 @@
+"""Maps from a dask cluster on this machine: the same to the last bit, whatever happens to it."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_study import write_small_study
+
+import glvis
+from glvis.cli import main
+from glvis.errors import MachineError, StudyError
+from glvis.inputs.study import load_study
+from glvis.optim.cluster import ClusterMaps
+from glvis.optim.placement import place_sensors
+from glvis.sight.maps import LocalMaps, MapJob, MapScene
+
+distributed = pytest.importorskip("distributed", reason="glvis[cluster] is not installed")
+
+ROOT = str(Path(glvis.__file__).parents[1])
+START = 120.0  # seconds that a process of dask may take to be there
+
+
+class DaskProcesses:
+    """A scheduler and workers, each a process of its own, and a client that looks after them."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.address = f"tcp://127.0.0.1:{free_port()}"
+        self.processes = {}
+        self.client = None
+
+    def start_scheduler(self):
+        port = self.address.rpartition(":")[2]
+        self._start("scheduler", "--host", "127.0.0.1", "--port", port)
+        self.client = distributed.Client(self.address, timeout=START, set_as_default=False)
+
+    def start_worker(self, name, threads=1):
+        options = ["--nthreads", str(threads), "--name", name, "--no-nanny"]
+        self._start("worker", self.address, *options, "--local-directory", str(self.folder))
+        self.processes[name] = self.processes.pop("worker")
+
+    def have(self, *names):
+        """Let exactly these workers be there."""
+        for name in set(self.processes) - {"scheduler", *names}:
+            self.kill(name)
+        for name in names:
+            if name not in self.processes:
+                self.start_worker(name)
+        self.wait_for(names)
+
+    def wait_for(self, names):
+        deadline = time.monotonic() + START
+        while self.there() != sorted(names):
+            assert time.monotonic() < deadline, f"{self.there()} are there, not {names}"
+            time.sleep(0.05)
+
+    def there(self):
+        info = self.client.scheduler_info(n_workers=-1)
+        return sorted(worker["name"] for worker in info["workers"].values())
+
+    def kill(self, name):
+        """End a worker as a power cut would."""
+        process = self.processes.pop(name)
+        process.kill()
+        process.wait()
+
+    def cut_off(self, name):
+        """Let a worker fall silent at once, whatever it is at, and die a little later."""
+        self.processes[name].send_signal(signal.SIGSTOP)
+        self.death = threading.Timer(0.5, self.kill, [name])
+        self.death.start()
+
+    def close(self):
+        if self.client:
+            self.client.close()
+        for process in self.processes.values():
+            process.kill()
+        for process in self.processes.values():
+            process.wait()
+
+    def _start(self, what, *options):
+        # the test's own interpreter and checkout; what they log is there when a test fails
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *options]
+        with (self.folder / f"{len(self.processes)}-{what}.log").open("w") as log:
+            self.processes[what] = subprocess.Popen(
+                [*command, "--no-dashboard"],
+                env=os.environ | {"PYTHONPATH": ROOT, "PYTHONWARNINGS": "ignore"},
+                cwd=self.folder,
+                stdout=log,
+                stderr=log,
+            )
+
+
+def free_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def dask(tmp_path_factory):
+    processes = DaskProcesses(tmp_path_factory.mktemp("dask"))
+    try:
+        processes.start_scheduler()
+        yield processes
+    finally:
+        processes.close()
+
+
+@pytest.fixture
+def study(tmp_path, rng):
+    return load_study(write_small_study(tmp_path, rng))
+
+
+@pytest.fixture
+def jobs(study, rng):
+    """Jobs of different size on both models by both sensors."""
+    low, high = study.rig.bounds.T
+    poses = study.rig.poses(rng.uniform(low, high, size=(60, len(low))))
+    return [MapJob(m, s, poses[: 37 + 20 * s, s]) for m in (0, 1) for s in (0, 1)]
+
+
+def assert_same_maps(made, study, jobs):
+    local = LocalMaps(MapScene.of(study))
+    expected = list(local.make(jobs))
+    local.release()
+    for one, other in zip(made, expected, strict=True):
+        assert np.array_equal(one, other) and one.any()
+
+
+def assert_same(one, other):
+    """Check that two placements differ in nothing but times and who rendered."""
+    assert np.array_equal(one.position, other.position)
+    for name in ("value", "start_value", "stop_reason", "evaluations", "maps_rendered", "gl"):
+        assert getattr(one, name) == getattr(other, name)
+    assert [row[:-1] for row in one.trace] == [row[:-1] for row in other.trace]
+    for first, second in zip(one.maps, other.maps, strict=True):
+        assert np.array_equal(first.visible, second.visible)
+
+
+def lost(name):
+    return f"worker {name} was lost; what it had not delivered others made again"
+
+
+def scenes_held(dask):
+    """Return how many scenes each worker keeps, and how many it keeps a renderer for."""
+
+    def count():
+        import gc
+
+        from glvis.sight.maps import LocalMaps, MapScene
+
+        gc.collect()
+        kinds = [type(thing) for thing in gc.get_objects()]
+        return kinds.count(MapScene), kinds.count(LocalMaps)
+
+    return set(dask.client.run(count).values())
+
+
+def wait_until_held(dask, scenes):
+    deadline = time.monotonic() + START
+    while scenes_held(dask) != {(scenes, scenes)}:
+        assert time.monotonic() < deadline, f"{scenes_held(dask)} scenes are kept"
+        time.sleep(0.05)
+
+
+def test_a_worker_killed_among_maps_is_done_without(dask, study, jobs):
+    dask.have("ann", "bob")
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    assert sorted(maps.names) == ["ann", "bob"] and maps.warnings == []
+    assert_same_maps(list(maps.make(jobs)), study, jobs)
+    dask.cut_off("bob")
+    made = list(maps.make(jobs))
+    dask.death.join()
+    assert_same_maps(made, study, jobs)
+    assert_same_maps(list(maps.make(jobs)), study, jobs)
+    maps.release()
+    assert maps.names == ("ann",) and maps.workers == 2
+    assert maps.warnings == [lost("bob")]
+
+
+def test_search_on_a_cluster_that_loses_a_worker_ends_as_on_one_machine(dask, study):
+    dask.have("ann", "bob")
+    seen = []
+
+    def kill(progress):
+        seen.append(sorted(progress.workers))
+        if progress.iteration == 1:
+            dask.kill("ann")
+            dask.wait_for(["bob"])
+
+    alone = place_sensors(study)
+    together = place_sensors(study, cluster=dask.address, on_iteration=kill)
+    assert_same(alone, together)
+    assert together.warnings == (lost("ann"),) and together.workers == 2
+    assert seen[0] == ["ann", "bob"] and seen[-1] == ["bob"]
+
+
+def test_the_command_line_writes_the_result_of_a_local_run(dask, study, tmp_path, capsys):
+    dask.have("ann", "bob")
+    indices = []
+    for name, way in (("far", ["--cluster", dask.address]), ("near", ["--workers", "1"])):
+        out = tmp_path / name
+        command = ["optimize", study.path, "-o", out, "--no-pictures", *way]
+        assert main([str(word) for word in command]) == 0
+        indices.append(json.loads((out / "result.json").read_text()))
+        error = capsys.readouterr().err
+        assert ("ann" in error and "bob" in error) == (name == "far")
+    far, near = indices
+    assert (far.pop("run")["workers"], near.pop("run")["workers"]) == (2, 1)
+    assert far == near
+
+
+def test_a_worker_that_comes_later_is_given_the_scene_too(dask, study, jobs):
+    dask.have("ann")
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    list(maps.make(jobs[:1]))
+    dask.have("bob")  # and ann is gone
+    made = list(maps.make(jobs))
+    maps.release()
+    assert_same_maps(made, study, jobs)
+    assert maps.names == ("bob",) and maps.warnings == [lost("ann")]
+
+
+def test_threads_of_a_worker_draw_one_after_the_other(dask, study, jobs):
+    dask.have()
+    dask.start_worker("two", threads=2)
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    made = list(maps.make(jobs))
+    maps.release()
+    assert_same_maps(made, study, jobs)
+    (warning,) = maps.warnings
+    assert warning.startswith("worker two has 2 threads and draws with one; start one worker a")
+
+
+def test_scenes_that_nobody_needs_any_more_are_freed(dask, study, jobs):
+    dask.have("ann")
+    scene = MapScene.of(study)
+    one, other = (ClusterMaps(scene, dask.address) for _ in range(2))
+    for maps in (one, other):
+        list(maps.make(jobs))
+    assert scenes_held(dask) == {(2, 2)}
+    one.release()
+    assert_same_maps(list(other.make(jobs)), study, jobs)
+    wait_until_held(dask, 1)
+    other.release()
+    wait_until_held(dask, 0)
+
+
+def test_a_scene_whose_search_was_killed_is_freed_by_the_next_one(dask, study):
+    dask.have("ann")
+    script = (
+        "import os, signal, sys\nfrom glvis.inputs.study import load_study\n"
+        "from glvis.optim.placement import place_sensors\n"
+        "place_sensors(load_study(sys.argv[1]), cluster=sys.argv[2],\n"
+        "              on_iteration=lambda _: os.kill(os.getpid(), signal.SIGKILL))\n"
+    )
+    command = [sys.executable, "-c", script, str(study.path), dask.address]
+    assert subprocess.run(command, cwd=ROOT).returncode == -signal.SIGKILL
+    wait_until_held(dask, 1)
+    ClusterMaps(MapScene.of(study), dask.address).release()
+    wait_until_held(dask, 0)
+
+
+def test_maps_that_nobody_waits_for_any_more_are_forgotten(dask, study, jobs):
+    dask.have("ann")
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    abandoned = maps.make(jobs[::-1])
+    next(abandoned)
+    abandoned.close()
+    made = list(maps.make(jobs))
+    maps.release()
+    assert_same_maps(made, study, jobs)
+
+
+def test_without_workers_the_search_ends_and_can_go_on(dask, study, tmp_path, monkeypatch):
+    dask.have("ann")
+    hasty = partial(ClusterMaps, patience=1.0)
+    monkeypatch.setattr("glvis.optim.placement.ClusterMaps", hasty)
+    path = tmp_path / "checkpoint.npz"
+    with pytest.raises(MachineError) as error:
+        place_sensors(
+            study,
+            cluster=dask.address,
+            checkpoint=path,
+            on_iteration=lambda progress: dask.kill("ann") if progress.iteration == 1 else None,
+        )
+    assert str(error.value).startswith(f"{dask.address}: no worker for 1")
+    monkeypatch.undo()
+    dask.have("bob")
+    resumed = place_sensors(study, cluster=dask.address, checkpoint=path, resume=True)
+    assert_same(place_sensors(study), resumed)
+
+
+def test_interrupted_search_comes_back_with_its_best(dask, study):
+    dask.have("bob")
+    placement = place_sensors(
+        study,
+        cluster=dask.address,
+        on_iteration=lambda progress: os.kill(os.getpid(), signal.SIGINT),
+    )
+    assert placement.stop_reason == "interrupted: Ctrl-C"
+    assert len(placement.trace) == 1 and placement.value >= placement.start_value
+
+
+def test_other_versions_on_a_worker_are_refused(dask, study, monkeypatch):
+    dask.have("bob")
+    remote = pytest.importorskip("glvis.optim.remote")
+    monkeypatch.setattr(remote, "VERSIONS", remote.VERSIONS | {"numpy": "0.1"})
+    with pytest.raises(MachineError, match=r"worker bob has numpy [\d.]+, this process 0\.1; ins"):
+        ClusterMaps(MapScene.of(study), dask.address)
+
+
+def test_a_scheduler_or_worker_without_glvis_is_refused(dask, study, monkeypatch):
+    dask.have("bob")
+    versions = distributed.Client.get_versions
+
+    def without(client, **options):
+        found = versions(client, **options)
+        found["scheduler"]["packages"]["glvis"] = None
+        return found
+
+    monkeypatch.setattr(distributed.Client, "get_versions", without)
+    with pytest.raises(MachineError, match="the scheduler has glvis not at all, this process"):
+        ClusterMaps(MapScene.of(study), dask.address)
+
+
+def test_error_on_a_worker_is_raised_here(dask, study, jobs):
+    dask.have("bob")
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    with pytest.raises(IndexError, match="list index out of range"):
+        list(maps.make([MapJob(7, 0, jobs[0].camera_to_world)]))
+    maps.release()
+
+
+def test_cluster_without_workers_is_not_waited_for_long(dask, study, monkeypatch):
+    dask.have()
+    with pytest.raises(MachineError, match=r"no worker for .* s; start some by: dask worker tcp"):
+        ClusterMaps(MapScene.of(study), dask.address, patience_start=0.1)
+
+
+def test_lost_scheduler_ends_the_run(tmp_path, study, jobs, monkeypatch):
+    monkeypatch.setattr("glvis.optim.cluster._TO_CONNECT", 3.0)  # and to connect again
+    own = DaskProcesses(tmp_path)
+    try:
+        own.start_scheduler()
+        own.have("ann")
+        maps = ClusterMaps(MapScene.of(study), own.address)
+        own.kill("scheduler")
+        with pytest.raises(MachineError, match=f"the dask scheduler at {own.address} was lost$"):
+            list(maps.make(jobs))
+        maps.release()
+    finally:
+        own.close()
+
+
+def test_unreachable_scheduler_is_named(study):
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with pytest.raises(MachineError, match=f"no dask scheduler answers at {address}: "):
+        ClusterMaps(MapScene.of(study), address, patience_start=0.2)
+
+
+@pytest.mark.parametrize("address", ["scheduler", "scheduler:8786", "http://a:1", "tcp://a"])
+def test_what_is_no_address_is_refused(study, address):
+    with pytest.raises(StudyError, match=f"cluster = '{address}' must be the address of a dask"):
+        place_sensors(study, cluster=address)
+
+
+def test_workers_here_and_a_cluster_do_not_go_together(study, tmp_path, capsys):
+    with pytest.raises(ValueError, match="workers are processes here, cluster has its own"):
+        place_sensors(study, workers=2, cluster="tcp://127.0.0.1:1")
+    out = tmp_path / "out"
+    command = [
+        "optimize",
+        str(study.path),
+        "-o",
+        str(out),
+        "--workers",
+        "2",
+        "--cluster",
+        "tcp://a",
+    ]
+    assert main(command) == 2
+    assert "--workers are processes here, --cluster has its own" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_missing_package_is_one_line_and_leaves_nothing(study, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    out = tmp_path / "out"
+    code = main(["optimize", str(study.path), "-o", str(out), "--cluster", "tcp://127.0.0.1:1"])
+    error = capsys.readouterr().err
+    assert code == 1 and error.count("\n") == 1
+    assert error.startswith("error: a cluster needs dask.distributed (")
+    assert error.endswith("; install it by: pip install 'glvis[cluster]'\n")
+    assert not out.exists()
+
+
+def test_nothing_of_dask_is_imported_without_a_cluster(study, tmp_path):
+    script = (
+        "import sys\nfrom glvis.cli import main\n"
+        "assert main(sys.argv[1:]) == 0\n"
+        "print(sorted({name.partition('.')[0] for name in sys.modules}))\n"
+    )
+    command = ["optimize", study.path, "-o", tmp_path / "out", "--workers", "2", "--no-pictures"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *map(str, command)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    imported = set(done.stdout.splitlines()[-1].split("'"))
+    assert "glvis" in imported
+    assert not {"dask", "distributed", "tornado"} & imported
