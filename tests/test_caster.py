@@ -25,6 +25,11 @@ CRITERIA = [
 ALL_CAST, NONE_CAST, MIXED = 1e9, 0.0, 6.0  # edges in pixels up to which faces are cast
 
 
+def cast_up_to(pixels, monkeypatch):
+    monkeypatch.setattr(glvis.sight.caster, "_SMALL", pixels)
+    monkeypatch.setattr(glvis.sight.caster, "_SMALL_AMONG_LARGE", pixels)
+
+
 def scene(seed):
     """Return a body, what hides it, poses around and among them, and a sensor."""
     rng = np.random.default_rng(seed)
@@ -38,7 +43,7 @@ def scene(seed):
 
 
 def visible(seed, small, monkeypatch, *, casts=True, tiles=None, **options):
-    monkeypatch.setattr(glvis.sight.caster, "_SMALL", small)
+    cast_up_to(small, monkeypatch)
     body, obstacle, poses, device = scene(seed)
     with mapper(body, [obstacle], casts=casts, tiles=tiles, **options) as made:
         return made.visible(poses, device)
@@ -90,7 +95,7 @@ def test_no_ray_slips_through_between_neighbours(seed, monkeypatch):
     vertices[:, :2] = vertices[:, :2] @ (turn * np.sign(np.linalg.det(turn)))
     plate = (vertices + np.array([0, 0, -2]), faces)
     wall = shapes.plate(1.0, center=(0, 0, -3), cells=(40, 40))
-    monkeypatch.setattr(glvis.sight.caster, "_SMALL", ALL_CAST)
+    cast_up_to(ALL_CAST, monkeypatch)
     for size in ((173, 131), (64, 64)):
         with mapper(wall, [plate], casts=True, resolution=size) as made:
             assert not made.visible(DOWN[None], sensor(far=10)).any()
@@ -99,7 +104,7 @@ def test_no_ray_slips_through_between_neighbours(seed, monkeypatch):
 
 
 def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
-    monkeypatch.setattr(glvis.sight.caster, "_SMALL", ALL_CAST)
+    cast_up_to(ALL_CAST, monkeypatch)
     wall = shapes.plate(4, center=(0, 0, -3), cells=(20, 20))
     # a blade that runs from behind the eye to before it, left of the axis
     blade = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapes
-from sight import DOWN, mapper
+from sight import DOWN, mapper, random_poses, sensor
 
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
@@ -180,3 +180,25 @@ def moved_back(distance):
     pose = np.eye(4)
     pose[2, 3] = distance
     return pose
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_windows_hold_the_points_before_the_eye_and_are_whole_where_one_is_behind(seed):
+    rng = np.random.default_rng(seed)
+    size, device = (120, 80), sensor(hfov_deg=70, vfov_deg=50, far=10)
+    poses = random_poses(rng, 20)
+    points = rng.uniform(-1, 1, size=(8, 3))
+    with mapper(shapes.cube()) as made:
+        views = made._views(poses, device)
+    for pose, near, window in zip(poses, views.clip_near, views.windows(points, size), strict=True):
+        x, y, z = np.linalg.inv(pose)[:3] @ np.append(points, np.ones((8, 1)), axis=1).T
+        left, bottom, width, height = window
+        if (-z <= near).any():
+            assert window.tolist() == [0, 0, *size]
+            continue
+        tan_x, tan_y = device.intrinsics.tan_half
+        column = np.clip((x / -z / tan_x + 1) / 2 * size[0], 0, size[0] - 1)
+        row = np.clip((y / -z / tan_y + 1) / 2 * size[1], 0, size[1] - 1)
+        assert (column >= left).all() and (column <= left + width).all()
+        assert (row >= bottom).all() and (row <= bottom + height).all()
+        assert width <= np.ptp(column) + 5 and height <= np.ptp(row) + 5

@@ -24,7 +24,9 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _VERSION = 430  # compute shaders and storage buffers
-_SMALL = 32.0  # pixels along an edge up to which a face is cast; beyond, llvmpipe draws as fast
+# Pixels along an edge up to which a face is cast. Beyond, drawing is as fast on llvmpipe; where
+# a usual face is larger than _LARGE, much is drawn anyway, and what is small beside it too.
+_SMALL, _SMALL_AMONG_LARGE, _LARGE = 32.0, 8.0, 6.0
 _CLUSTERS, _DEPTH, _SEEN = range(3)  # storage buffers of the shader
 _DRAWN = 4  # its texture of drawn depths
 # Invocations a work group, as the shader says, and the groups that every OpenGL takes at once.
@@ -128,7 +130,8 @@ class Caster:
         """
         renderer, n = self.renderer, len(views)
         selections = [targets, *hiding]
-        share = _SMALL * np.min(2 * views.tan_half / np.array(renderer.resolution), axis=1)
+        pixel = np.min(2 * views.tan_half / np.array(renderer.resolution), axis=1)
+        share = _pixels_to_cast(views, targets, pixel) * pixel
         near = NEAREST * views.max_distance
         small = [
             one.surface.clusters.seen_small(views.depth_plane, near, share) for one in selections
@@ -153,7 +156,12 @@ class Caster:
         judge = compiled_compute("cast", *rules.defines, *["DRAWN"] * is_drawn)
         visible = np.zeros((n, n_faces), dtype=bool)
         drawing = renderer.batches(
-            views, to_draw, origin=origin, with_ids=with_ids, behind_cast=len(work) > 0
+            views,
+            to_draw,
+            origin=origin,
+            with_ids=with_ids,
+            behind_cast=len(work) > 0,
+            windows=views.windows(targets.surface.clusters.corners, renderer.resolution),
         )
         for first in range(0, n, renderer.tiles):
             some = range(first, min(first + renderer.tiles, n))
@@ -263,6 +271,15 @@ class _Store:
         if self.buffer is not None:
             self.buffer.release()
             self.buffer = None
+
+
+def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> float:
+    """Return up to how many pixels along an edge faces are cast; ``pixel`` (N,) at unit depth."""
+    model = targets.surface.clusters.model
+    middle = np.append(model.bounds.mean(axis=0), 1.0)
+    depth = np.maximum(views.depth_plane @ middle, views.clip_near)
+    usual = float(np.median(model.mean_edge / (pixel * depth)))
+    return _SMALL_AMONG_LARGE if usual > _LARGE else _SMALL
 
 
 def _told(

@@ -67,6 +67,11 @@ class Clusters:
     def __len__(self) -> int:
         return len(self.order) // self.size
 
+    @cached_property
+    def corners(self) -> Floats:
+        """Of the model's box, (8, 3)."""
+        return self.model.bounds[np.array(list(np.ndindex(2, 2, 2))), np.arange(3)]
+
     def places_in(self, mask: Bools) -> NDArray[np.intp]:
         """Return the places in ``order`` of chosen clusters (C,) bool; padding repeats faces."""
         return np.flatnonzero(np.repeat(mask, self.size))

@@ -86,9 +86,9 @@ class Mapper:
         self._table = FaceTable.of(model, self.surface.clusters.order)
         self._obstacles = obstacles
         self._caster_of = caster_of
-        boxes = np.stack([part.bounds for part in (model, *(o.clusters.model for o in obstacles))])
-        corner = np.array(list(np.ndindex(2, 2, 2)))
-        self._corners = boxes[:, corner, np.arange(3)].reshape(-1, 3)  # of all boxes, (8 B, 3)
+        self._corners = np.concatenate(  # of all boxes, (8 B, 3)
+            [surface.clusters.corners for surface in (self.surface, *obstacles)]
+        )
 
     def release(self) -> None:
         """Give the GPU's memory back."""

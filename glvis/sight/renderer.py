@@ -81,6 +81,23 @@ class Views:
         """``depth_plane @ (p, 1)`` is a point's distance along the optical axis, (N, 4)."""
         return -self.world_to_camera[:, 2]
 
+    def windows(self, points: Floats, resolution: tuple[int, int]) -> NDArray[np.intp]:
+        """Return the pixels that hold points (P, 3): left, bottom, width, height, (N, 4).
+
+        At least one pixel, and the whole image where a point is not safely before the eye.
+        """
+        homogeneous = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+        x, y, z = np.moveaxis(self.world_to_camera[:, :3] @ homogeneous.T, 1, 0)
+        size = np.array(resolution)
+        whole = np.any(-z <= self.clip_near[:, None], axis=1)
+        depth = np.where(whole[:, None], 1.0, -z)
+        pixel = (np.stack([x, y], axis=1) / depth[:, None] / self.tan_half[:, :, None] + 1) / 2
+        pixel *= size[:, None]
+        low = np.clip(np.floor(pixel.min(axis=2)) - 1, 0, size - 1)
+        high = np.clip(np.ceil(pixel.max(axis=2)) + 1, low + 1, size)
+        low[whole], high[whole] = 0, size
+        return np.concatenate([low, high - low], axis=1).astype(np.intp)
+
     @property
     def planes(self) -> Floats:
         """Inward unit planes of the frusta: left, right, bottom, top, maxD; (N, 5, 4)."""
@@ -167,6 +184,7 @@ class Renderer:
         self._depth_texture = context.depth_texture(size, alignment=4)
         self._framebuffer = context.framebuffer([self._id_texture], self._depth_texture)
         self._depth_only = context.framebuffer([], self._depth_texture)
+        self._window = (0, 0, *size)
         self._ids = np.zeros((self.tiles, height, width), dtype=np.uint32)
         self._depths = np.zeros((self.tiles, height, width), dtype=np.float32)
 
@@ -228,9 +246,13 @@ class Renderer:
             yield first, self.read_depths(n)
 
     def read_ids(self, n: int) -> NDArray[np.uint32]:
-        """Return the ID images of the batch drawn last, (n, H, W)."""
-        self._framebuffer.read_into(self._ids, components=1, dtype="u4", alignment=4)
-        return self._ids[:n, ::-1]
+        """Return the ID images of the batch drawn last, (n, H, W), or what its window shows."""
+        x, y, width, height = self._window
+        ids = self._ids.reshape(-1)[: width * height].reshape(-1, height // self.tiles, width)
+        self._framebuffer.read_into(
+            ids, viewport=(x, y, width, height), components=1, dtype="u4", alignment=4
+        )
+        return ids[:n, ::-1]
 
     def read_depths(self, n: int) -> NDArray[np.float32]:
         """Return the depth buffers of the batch drawn last, (n, H, W)."""
@@ -254,10 +276,21 @@ class Renderer:
         with_ids: bool = False,
         refused_hide: bool = True,
         behind_cast: bool = False,
+        windows: NDArray[np.intp] | None = None,
     ) -> Iterator[tuple[int, int]]:
         """Draw the views, ``tiles`` at a time; yield the first view and the number drawn.
 
-        With ``behind_cast`` what a Caster has cast hides IDs.
+        Parameters
+        ----------
+        views, selections, origin, refused_hide
+            As for ``id_images``.
+        with_ids : bool
+            Whether IDs are wanted beside depths.
+        behind_cast : bool
+            Whether what a Caster has cast hides IDs.
+        windows : (N, 4) int, optional
+            Left, bottom, width and height of what is wanted of each image; the rest is left as
+            it was. Heeded where a framebuffer holds one view.
         """
         context = gl_context()
         defines = ["REFUSED_HIDE"] * refused_hide + ["BEHIND_CAST"] * behind_cast
@@ -272,7 +305,11 @@ class Renderer:
             context.depth_func = "<"
             context.front_face, context.cull_face = "ccw", "back"
             framebuffer.use()
-            framebuffer.scissor = (0, 0, width, height * self.tiles)
+            self._window = (0, 0, width, height * self.tiles)
+            if windows is not None and self.tiles == 1:
+                x, y, wide, high = windows[first].tolist()
+                self._window = (x, y, wide, high)
+            framebuffer.scissor = self._window
             framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
             n = min(self.tiles, len(views) - first)
             for tile in range(n):
