@@ -71,11 +71,12 @@ def test_what_was_cut_off_goes_on_and_what_is_done_stays_done(run, reproduce, tm
         with (path.parent / f"kitchen-2-{seed}" / "coverage.csv").open() as file:
             counted.append(next(csv.DictReader(file)))
     row = cells(page, "2")
+    assert row[4] == "2 quick"
     assert row[1:4] == ["6,882 [321]", "5,198 [66]", "80 %"]  # Table 11
     unique = [int(entry["unique_seen"]) for entry in counted]
     assert row[6] == f"{np.mean(unique):,.0f} [{np.std(unique, ddof=1):,.0f}]"
     assert row[9] == f"{max(float(entry['percentage']) for entry in counted):.1f} %"
-    assert "**A quick run, not the paper's settings**" in page
+    assert "**Quick runs, not the paper's settings**" in page
     assert "2 particles, up to 1 iterations" in page
     assert "Not run yet: `tools/reproduce --only arms`" in page
 

@@ -6,6 +6,7 @@ typed.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from casestudies import SCENES
 
+from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement, evaluate_poses
-from glvis.outputs.result import versions
+from glvis.outputs.result import sha256, versions
 from glvis.outputs.tables import ModelRow, mean_row, model_rows
 from glvis.outputs.within_reach import reach_rows
 from glvis.sight.visibility import VisibilityOptions
@@ -255,7 +257,8 @@ def _kitchen_lines(runs: Mapping[str, Sequence[Run]]) -> Iterator[str]:
         could = reach_rows(study.models, maps, reach)[0].percentage if reach else None
         body.append(
             (f"{n}", f"{total:,} [{total_std:,}]", f"{unique:,} [{unique_std}]", f"{percentage} %",
-             f"{len(rows)}", _spread([row.seen_by_all_cameras for row in rows]),
+             f"{len(rows)}{' quick' if found[0].is_quick else ''}",
+             _spread([row.seen_by_all_cameras for row in rows]),
              _spread([row.unique_seen for row in rows]), f"{rows[0].total:,}",
              f"{np.mean([row.percentage for row in rows]):.1f} %",
              f"{max(row.percentage for row in rows):.1f} %",
@@ -269,28 +272,34 @@ def _kitchen_lines(runs: Mapping[str, Sequence[Run]]) -> Iterator[str]:
 
 
 def _made_by(runs: Sequence[Run], part: str) -> Iterator[str]:
-    """Yield which command and settings made some runs, and on what."""
-    found, is_quick = runs[0].placement, any(run.is_quick for run in runs)
-    swarm = found.study.swarm
-    path = found.study.models[0].path
-    is_shipped = path is not None and path.parent == SCENES
-    command = f"tools/reproduce{' --quick' if is_quick else ''} --only {part}"
-    if not is_shipped:
-        command += " --data DIR"
-    if is_quick:
+    """Yield which command and settings made some runs, and on what; the paper's settings first."""
+    for is_quick in (False, True):
+        some = [run for run in runs if run.is_quick == is_quick]
+        if not some:
+            continue
+        found = some[0].placement
+        swarm, is_shipped = found.study.swarm, all(map(_is_shipped, found.study.models))
+        command = f"tools/reproduce{' --quick' if is_quick else ''} --only {part}"
+        repeats = max(Counter(run.placement.study.title for run in some).values())
+        command += f" --repeats {repeats}" if part == "kitchen" else ""
+        command += "" if is_shipped else " --data DIR"
+        if is_quick:
+            yield "**Quick runs, not the paper's settings**: they show that the study runs, not"
+            yield "what it finds."
         yield (
-            "**A quick run, not the paper's settings**: it shows that the study runs, "
-            "not what it finds."
+            f"Made by `{command}` (glvis {versions()['glvis']}, {found.gl.renderer}, "
+            f"{found.workers} {'process' if found.workers == 1 else 'processes'}): "
+            f"{swarm.particles} particles, up to {swarm.iterations} iterations, "
+            f"`min_neighbors_fraction = {swarm.min_neighbors_fraction:g}`, on "
+            f"{'the meshes of `scenes/`' if is_shipped else 'meshes from outside the repository'}."
         )
         yield ""
-    yield (
-        f"Made by `{command}` (glvis {versions()['glvis']}, {found.gl.renderer}, "
-        f"{found.workers} {'process' if found.workers == 1 else 'processes'}): "
-        f"{swarm.particles} particles, up to {swarm.iterations} iterations, "
-        f"`min_neighbors_fraction = {swarm.min_neighbors_fraction:g}`, "
-        f"on {'the meshes of `scenes/`' if is_shipped else 'meshes from outside the repository'}."
-    )
-    yield ""
+
+
+def _is_shipped(model: Model) -> bool:
+    """Return whether a mesh is the one of that name in ``scenes/``."""
+    own = SCENES / model.path.name if model.path else None
+    return bool(own and model.path and own.is_file() and sha256(own) == sha256(model.path))
 
 
 def _rows(found: Placement) -> list[ModelRow]:
