@@ -97,7 +97,8 @@ ARROWS = {
     "series_words": "series_tables spread sweep terminal",
     "compare": "camera coloring palette placement scene scenesheets sheet stage tables terminal",
     "starter_meshes": "",
-    "starter": "camera errors scene schema sensor starter_meshes",
+    "starter_texts": "",
+    "starter": "camera errors scene schema sensor starter_meshes starter_texts",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",

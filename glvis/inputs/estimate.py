@@ -12,7 +12,7 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study
 from glvis.optim.evaluator import Evaluator
-from glvis.sight.context import GlInfo
+from glvis.sight.context import GlInfo, rasterising_in_this_thread
 
 _MOST_SAMPLES = 12
 _MAPS_A_SENSOR_AND_MODEL = 4000  # that methods other than the swarm render, unless told
@@ -71,7 +71,9 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
     rng = np.random.default_rng(study.swarm.seed)
     low, high = rig.bounds.T
     limits = (study.swarm.max_seconds, study.search.max_seconds)
-    with Evaluator(study, cache_bytes=0) as evaluator:
+    with rasterising_in_this_thread():
+        evaluator = Evaluator(study, cache_bytes=0)
+    with evaluator:
         evaluator(rig.start)  # the first one also fills buffers
         times: list[float] = []
         while not times or (len(times) < _MOST_SAMPLES and sum(times) < max_seconds):

@@ -5,7 +5,6 @@ Joins evaluator and search; knows neither files of results nor a terminal.
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 import time
@@ -26,7 +25,7 @@ from glvis.optim.reach import Reach, sampled_reach
 from glvis.optim.run import Progress, Run
 from glvis.optim.search import TraceRow
 from glvis.optim.workers import Workers
-from glvis.sight.context import GlInfo
+from glvis.sight.context import GlInfo, rasterising_in_this_thread
 from glvis.sight.maps import MapScene
 from glvis.sight.visibility import VisibilityMap
 
@@ -252,23 +251,13 @@ def place_sensors(
 
 
 def _evaluator(study: Study, workers: int = 1, cluster: str | None = None) -> Evaluator:
-    """Return an evaluator; where the CPU draws in this process, it does so in this thread.
-
-    llvmpipe's own threads cost more than they give on images of this size; the user's word
-    on them holds. The variable is read when the context is made.
-    """
+    """Return an evaluator whose maps are made here, by workers or on a cluster."""
     if cluster:
         return Evaluator(study, maps=ClusterMaps(MapScene.of(study), cluster))
     if workers != 1:
         return Evaluator(study, maps=Workers(MapScene.of(study), workers))
-    name = "LP_NUM_THREADS"
-    if name in os.environ:
+    with rasterising_in_this_thread():
         return Evaluator(study)
-    os.environ[name] = "0"
-    try:
-        return Evaluator(study)
-    finally:
-        del os.environ[name]
 
 
 def _seen(evaluator: Evaluator, poses: Floats) -> tuple[tuple[VisibilityMap, ...], Floats, float]:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -75,6 +77,24 @@ def gl_info() -> GlInfo:
     context = gl_context()
     info = context.info
     return GlInfo(info["GL_VENDOR"], info["GL_RENDERER"], info["GL_VERSION"], context.extra)
+
+
+@contextmanager
+def rasterising_in_this_thread() -> Iterator[None]:
+    """Make a context, if one is made here, that starts no threads of its own on the CPU.
+
+    llvmpipe's threads cost more than they give on images of the size that maps need. The user's
+    own word on them holds; the variable is read when the context is made.
+    """
+    name = "LP_NUM_THREADS"
+    is_set = name in os.environ
+    if not is_set:
+        os.environ[name] = "0"
+    try:
+        yield
+    finally:
+        if not is_set:
+            del os.environ[name]
 
 
 def unbind_framebuffer() -> None:
