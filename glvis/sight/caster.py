@@ -273,13 +273,15 @@ class _Store:
             self.buffer = None
 
 
-def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> float:
-    """Return up to how many pixels along an edge faces are cast; ``pixel`` (N,) at unit depth."""
+def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
+    """Return up to how many pixels along an edge each view casts faces, (N,).
+
+    ``pixel`` (N,) is its width at unit depth. A view's map may not depend on the others.
+    """
     model = targets.surface.clusters.model
     middle = np.append(model.bounds.mean(axis=0), 1.0)
     depth = np.maximum(views.depth_plane @ middle, views.clip_near)
-    usual = float(np.median(model.mean_edge / (pixel * depth)))
-    return _SMALL_AMONG_LARGE if usual > _LARGE else _SMALL
+    return np.where(model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
 
 
 def _told(
