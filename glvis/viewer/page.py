@@ -218,6 +218,8 @@ def _packed(data: PageData) -> tuple[dict[str, Any], bytes]:
         for model in data.models
     ]
     obstacles = [_pack_mesh(blob, origin, obstacle) for obstacle in data.obstacles]
+    # as many steps of colour as the pictures have: one for each count that there is
+    most = max(int(np.sum(model.visible, axis=0).max(initial=0)) for model in data.models)
     study = {
         "title": data.title,
         "unit": data.unit,
@@ -233,7 +235,7 @@ def _packed(data: PageData) -> tuple[dict[str, Any], bytes]:
             "seen": SEEN_COLOR.tolist(),
             "dim": list(_DIM_COLOR),
             "obstacle": OBSTACLE_COLOR.tolist(),
-            "overlap": overlap_colors(len(data.sensors)).tolist(),
+            "overlap": overlap_colors(max(1, most)).tolist(),
         },
         "tables": [_table(table) for table in data.tables],
         "trace": data.trace and _trace(data.trace),
