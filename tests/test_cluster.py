@@ -238,6 +238,7 @@ def test_threads_of_a_worker_draw_one_after_the_other(dask, study, jobs):
     made = list(maps.make(jobs))
     maps.release()
     assert_same_maps(made, study, jobs)
+    assert dask.client.run(lambda: os.environ["LP_NUM_THREADS"]).popitem()[1] == "0"
     (warning,) = maps.warnings
     assert warning.startswith("worker two has 2 threads and draws with one; start one worker a")
 
