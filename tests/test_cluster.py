@@ -10,6 +10,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -340,6 +341,33 @@ def test_error_on_a_worker_is_raised_here(dask, study, jobs):
     maps = ClusterMaps(MapScene.of(study), dask.address)
     with pytest.raises(IndexError, match="list index out of range"):
         list(maps.make([MapJob(7, 0, jobs[0].camera_to_world)]))
+    maps.release()
+
+
+@pytest.mark.parametrize(
+    ("error", "fact"),
+    [
+        (
+            distributed.KilledWorker("draw", SimpleNamespace(address="tcp://b"), 3),
+            "4 workers died over the same maps, the last was tcp://b; its log may say why",
+        ),
+        (ModuleNotFoundError("No module named 'glvis'"), r"a worker cannot load glvis \(No module"),
+        (TimeoutError(), "none of 1 workers answered for .* s; start some by: dask worker"),
+    ],
+)
+def test_answers_that_do_not_come_end_the_run(dask, study, jobs, monkeypatch, error, fact):
+    dask.have("bob")
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    sync = maps._client.sync
+
+    def without_answers(function, *args, **options):
+        if getattr(function, "func", None) == maps._client.gather:
+            raise error
+        return sync(function, *args, **options)
+
+    with monkeypatch.context() as patch, pytest.raises(MachineError, match=fact):
+        patch.setattr(maps._client, "sync", without_answers)
+        list(maps.make(jobs))
     maps.release()
 
 
