@@ -91,7 +91,7 @@ def test_repeats_are_ordinary_results_with_other_seeds_and_a_table(run, study, t
     best = max(runs, key=lambda placement: placement.value)
     assert read_result(out / point["best"]).value == point["value"]["best"] == best.value
     assert point["value"]["std"] == statistics.stdev(placement.value for placement in runs)
-    assert (index["planned"], index["finished"]) == (3, 3)
+    assert (index["planned"], index["finished"], index["best"]) == (3, 3, point["best"])
     assert [row["max_position_from_best"] for row in rows if row["run"] == point["best"]] == ["0.0"]
     assert f"\nBest: {out / point['best']}\n" in text
     assert "Poses differ from the best run's by " in text

@@ -187,7 +187,7 @@ def _refuse_what_is_there(directory: Path, overwrite: bool) -> None:
 
 def _remove_series(directory: Path) -> None:
     """Remove a series from a folder; what somebody else put there stays."""
-    for path in directory.glob("run-*"):
+    for path in directory.glob("run-[0-9][0-9]*"):
         remove_result(path)
     for name in (*FILES, STUDY):
         (directory / name).unlink(missing_ok=True)

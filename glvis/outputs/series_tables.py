@@ -52,7 +52,7 @@ def write_series(directory: Path, plan: Plan) -> list[Spread]:
             row = [run.name, *map(_cell, run.point.values.values()), run.seed, *numbers.values()]
             rows.append([*row, *distances.values(), found.stop_reason])
         entries.append(entry)
-    kind, keys = kind_of(plan), list(plan.sweep)
+    kind, keys, points = kind_of(plan), list(plan.sweep), [_point_entry(one) for one in spreads]
     header = ["run", *keys, "seed", *_NUMBERS]
     header += [f"{name}_from_best" for name in _DISTANCES] + ["stop_reason"]
     with machine_errors(directory):
@@ -69,7 +69,9 @@ def write_series(directory: Path, plan: Plan) -> list[Spread]:
                 "repeats": plan.repeats,
                 "planned": len(plan.runs),
                 "finished": sum(len(one.outcomes) for one in spreads),
-                "points": [_point_entry(one) for one in spreads],
+                # of a sweep each point has its own: more sensors see more, and say nothing
+                "best": None if plan.sweep else points[0]["best"],
+                "points": points,
                 "runs": entries,
                 "versions": versions(),
             },
