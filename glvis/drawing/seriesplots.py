@@ -149,7 +149,7 @@ def write_sweep(
     most = max(len(found) for panel in panels for line in panel.lines for found in line.values)
     if most > 1:
         figure.supxlabel(
-            f"dots: {most} runs with other seeds; line: their mean; bars: standard deviation",
+            f"dots: {most} runs with different seeds; line: their mean; bars: standard deviation",
             fontsize=9, color="0.35",
         )  # fmt: skip
     figure.savefig(path, format="png")

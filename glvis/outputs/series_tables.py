@@ -93,7 +93,7 @@ def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
             runs.append(
                 TracedRun(one.run.name, one.run.seed, maps, best, one.value, one.percentage)
             )
-        title = f"{plan.title}: {len(runs)} runs with other seeds"
+        title = f"{plan.title}: {len(runs)} runs with different seeds"
         write_repeats(path, runs, title=title, quantity=quantities.pop())
         return
     key = _along(plan)
