@@ -5,11 +5,6 @@
 // out: face_id      into the R32UI target; depth goes into the depth buffer untouched
 // REFUSED_HIDE is defined where back and too oblique faces hide what lies behind them,
 // BEHIND_CAST where faces that cast.comp.glsl has cast do too.
-#ifdef BEHIND_CAST
-#extension GL_ARB_shader_storage_buffer_object : require
-#extension GL_ARB_shading_language_420pack : require
-layout(std430, binding = 1) readonly buffer Depth { uint depth_cast[]; };
-#endif
 flat in uint id;
 flat in float height;
 
@@ -18,8 +13,9 @@ uniform float min_ray_cos;      // cosine of the largest incidence by the true r
 uniform float min_distance;     // working range as depth along the optical axis, scene unit
 uniform float max_distance;
 
-#ifdef BEHIND_CAST
+#ifdef BEHIND_CAST             // needs #version 430
 uniform int image_width;        // pixels
+layout(std430, binding = 1) readonly buffer Depth { uint depth_cast[]; };
 #endif
 
 out uint face_id;

@@ -10,6 +10,8 @@ in vec3 position;
 in uint face_id;
 in vec3 normal;
 
+invariant gl_Position;      // the same depths whether or not IDs are drawn
+
 uniform mat4 world_to_clip;
 uniform vec3 eye;           // optical centre, as position
 uniform vec3 backwards;     // unit vector against the optical axis, world frame

@@ -8,7 +8,7 @@ from sight import DOWN, mapper, random_poses, sensor
 
 import glvis.sight.caster
 import glvis.sight.clusters
-from glvis.sight import selftest
+from glvis.sight import selftest, surface
 
 pytestmark = pytest.mark.skipif(
     not glvis.sight.caster.has_compute(), reason="this driver has no compute shaders"
@@ -140,9 +140,71 @@ def test_tiny_faces_far_from_the_origin_are_seen_as_rays_see_them(monkeypatch):
     assert np.count_nonzero(ours & theirs) >= 0.99 * np.count_nonzero(ours | theirs) > 5000
 
 
-def test_a_driver_that_judges_wrongly_is_not_trusted_with_casting(monkeypatch):
+@pytest.mark.parametrize("criterion", ["centroid", "pixels"])
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_seen_behind_a_wall_not_even_edge_on(seed, criterion):
+    vertices, faces = shapes.blob(np.random.default_rng(seed), 5)
+    body = (vertices + np.array([0, 0, -5]), faces)
+    wall = shapes.plate(6, center=(0, 0, -1))
+    device = sensor(far=20, resolution=(64, 64))
+    for casts in (False, True):
+        with mapper(body, [wall], casts=casts, criterion=criterion) as made:
+            assert not made.visible(DOWN[None], device).any()
+        with mapper(body, casts=casts, criterion=criterion) as made:
+            assert made.visible(DOWN[None], device).any()
+
+
+def test_no_poses_make_no_maps():
+    with mapper(shapes.cube(), casts=True) as made:
+        assert made.visible(np.zeros((0, 4, 4)), sensor()).shape == (0, 12)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("if (hits) atomicMin(", "if (false) atomicMin("),
+        ("++pixels;", ";"),
+        ("is_seen = shows_centre", "is_seen = !shows_centre"),
+        ("if (side <= 0.0 &&", "if (side >= 0.0 ||"),
+        ("min(far, ", "max(far, "),
+        ("void main", "void mean"),
+    ],
+)
+def test_a_driver_that_casts_wrongly_is_not_trusted_with_it(text, wrong, monkeypatch):
     assert selftest.can_cast()
-    selftest.can_cast.cache_clear()
-    monkeypatch.setattr(selftest.Caster, "visible", lambda *a, **k: np.ones((1, 4), dtype=bool))
-    assert not selftest.can_cast()
-    selftest.can_cast.cache_clear()
+    source = surface.shader_source
+    assert text in source("cast.comp.glsl")
+    monkeypatch.setattr(
+        surface,
+        "shader_source",
+        lambda name, *defines, version=0: source(name, *defines, version=version).replace(
+            text, wrong
+        ),
+    )
+    for cached in (selftest.can_cast, surface.compiled_compute):
+        cached.cache_clear()
+    try:
+        assert not selftest.can_cast()
+    finally:
+        for cached in (selftest.can_cast, surface.compiled_compute):
+            cached.cache_clear()
+
+
+def test_a_driver_that_draws_before_what_was_cast_is_not_trusted_either(monkeypatch):
+    source = surface.shader_source
+    text = "if (depth > uintBitsToFloat"
+    assert text in source("id_buffer.frag.glsl")
+    monkeypatch.setattr(
+        surface,
+        "shader_source",
+        lambda name, *defines, version=0: source(name, *defines, version=version).replace(
+            text, "if (depth < -uintBitsToFloat"
+        ),
+    )
+    for cached in (selftest.can_cast, surface.compiled):
+        cached.cache_clear()
+    try:
+        assert not selftest.can_cast()
+    finally:
+        for cached in (selftest.can_cast, surface.compiled):
+            cached.cache_clear()

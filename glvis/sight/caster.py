@@ -32,29 +32,35 @@ _DRAWN = 4  # its texture of drawn depths
 # Invocations a work group, as the shader says, and the groups that every OpenGL takes at once.
 _GROUP, _MOST_GROUPS = 64, 65535
 
-# What the shader is told of a view and its work; see View in cast.comp.glsl. Uniform blocks
-# may begin at any multiple of 256 bytes.
+# What the shader is told of a view and its work, View in cast.comp.glsl. A uniform block may
+# begin at any multiple of 256 bytes.
 _TOLD = np.dtype(
-    {
-        "names": [
-            "world_to_camera",
-            "tangent_to_pixel",
-            "limits",
-            "clip",
-            "image",
-            "work",
-            "min_pixels",
-        ],
-        "formats": [("f4", (4, 4)), *[("f4", 4)] * 3, ("i4", 4), ("u4", 4), "i4"],
-        "offsets": [0, 64, 80, 96, 112, 128, 144],
-        "itemsize": 256,
-    }
+    [
+        ("world_to_camera", "f4", (4, 4)),
+        ("tangent_to_pixel", "f4", 4),
+        ("working_range", "f4", 2),
+        ("min_cos", "f4", 2),
+        ("clip", "f4", 2),
+        ("tolerance", "f4"),
+        ("cull_backs", "f4"),
+        ("size", "i4", 2),
+        ("first_row_and_word", "i4", 2),
+        ("work", "u4", 4),
+        ("min_pixels", "i4"),
+        ("", "V108"),
+    ]
 )
 
 
 def has_compute() -> bool:
     """Return whether this process's OpenGL has compute shaders."""
     return int(gl_context().version_code) >= _VERSION
+
+
+def can_hold(resolution: tuple[int, int]) -> bool:
+    """Return whether a view of this many pixels fits into a storage buffer."""
+    limit = gl_context().info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]
+    return 4 * resolution[0] * resolution[1] <= limit
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,9 @@ class Caster:
             As the surfaces were made with.
         """
         renderer, n = self.renderer, len(views)
+        n_faces = targets.surface.clusters.model.n_faces
+        if not n:
+            return np.zeros((0, n_faces), dtype=bool)
         selections = [targets, *hiding]
         pixel = np.min(2 * views.tan_half / np.array(renderer.resolution), axis=1)
         share = _pixels_to_cast(views, targets, pixel) * pixel
@@ -136,15 +145,15 @@ class Caster:
         small = [
             one.surface.clusters.seen_small(views.depth_plane, near, share) for one in selections
         ]
-        to_draw = [one.only(~few) for one, few in zip(selections, small, strict=True)]
+        to_draw = [one.only(~is_small) for one, is_small in zip(selections, small, strict=True)]
         is_drawn = any(one.mask.any() for one in to_draw)
         with_ids = rules.min_pixels > 0 and bool(to_draw[0].mask.any())
-        n_faces = targets.surface.clusters.model.n_faces
         words = -(-n_faces // 32)
 
         work = _Work()
         casting = [
-            work.add(one, [one.mask & few]) for one, few in zip(selections, small, strict=True)
+            work.add(one, [one.mask & is_small])
+            for one, is_small in zip(selections, small, strict=True)
         ]
         to_judge = [candidates & small[0], *[candidates & ~small[0]] * rules.by_centre]
         judging = work.add(targets, to_judge)
@@ -196,7 +205,9 @@ class Caster:
         gl_context().copy_buffer(depth.buffer, nothing.buffer)
         depth.buffer.bind_to_storage_buffer(_DEPTH)
 
-    def _run(self, program: Any, selection: Selection, records: list[_Parts], some: range) -> None:
+    def _run(
+        self, program: Any, selection: Selection, records: list[_Numbers], some: range
+    ) -> None:
         """Dispatch what some views have to do with a surface."""
         selection.surface.use_tables()
         told = self._stores["told"].buffer
@@ -206,19 +217,19 @@ class Caster:
                 program.run(groups)
 
 
-_Parts = list[tuple[int, int]]  # of a view: number in what is told, work groups
+_Numbers = list[tuple[int, int]]  # of a view's dispatches: place in what is told, work groups
 
 
 class _Work:
     """Collects what is dispatched: what the shader is told each time, and lists of clusters."""
 
     def __init__(self) -> None:
-        self._parts: list[tuple[int, bool, tuple[int, int, int, int]]] = []
+        self._dispatches: list[tuple[int, bool, tuple[int, int, int, int]]] = []
         self._lists: list[NDArray[np.intp]] = [np.zeros(0, dtype=np.intp)]
         self._begin = 0
 
     def __len__(self) -> int:
-        return len(self._parts)
+        return len(self._dispatches)
 
     @property
     def clusters(self) -> NDArray[np.uint32]:
@@ -227,25 +238,25 @@ class _Work:
 
     def told(self, views: NDArray[np.void]) -> NDArray[np.void]:
         """Return what each dispatch is told, for what is told of each view (N,)."""
-        told = views[[view for view, _, _ in self._parts]]
-        told["clip"][:, 3] = [cull_backs for _, cull_backs, _ in self._parts]
-        told["work"] = np.array([work for _, _, work in self._parts]).reshape(-1, 4)
+        told = views[[view for view, _, _ in self._dispatches]]
+        told["cull_backs"] = [cull_backs for _, cull_backs, _ in self._dispatches]
+        told["work"] = np.array([work for _, _, work in self._dispatches]).reshape(-1, 4)
         return told
 
-    def add(self, selection: Selection, masks: list[Bools]) -> list[_Parts]:
+    def add(self, selection: Selection, masks: list[Bools]) -> list[_Numbers]:
         """Add chosen clusters of a surface, (N, C) bool each, the first of small faces."""
         size = selection.surface.clusters.size
         most = _MOST_GROUPS * _GROUP // size
-        added: list[_Parts] = []
+        added: list[_Numbers] = []
         for view in range(len(masks[0])):
             found = [np.flatnonzero(mask[view]) for mask in masks]
             count = sum(map(len, found))
             added.append([])
             for done in range(0, count, most):
-                now, few = min(most, count - done), max(0, len(found[0]) - done)
-                work = (self._begin + done, now, few, size.bit_length() - 1)
-                added[-1].append((len(self._parts), -(-now * size // _GROUP)))
-                self._parts.append((view, bool(selection.cull_backs[view]), work))
+                n, n_small = min(most, count - done), max(0, len(found[0]) - done)
+                work = (self._begin + done, n, n_small, size.bit_length() - 1)
+                added[-1].append((len(self._dispatches), -(-n * size // _GROUP)))
+                self._dispatches.append((view, bool(selection.cull_backs[view]), work))
             self._lists += found
             self._begin += count
         return added
@@ -280,7 +291,7 @@ def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
     """
     model = targets.surface.clusters.model
     middle = np.append(model.bounds.mean(axis=0), 1.0)
-    depth = np.maximum(views.depth_plane @ middle, views.clip_near)
+    depth = np.maximum(np.sum(views.depth_plane * middle, axis=1), views.clip_near)
     return np.where(model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
 
 
@@ -296,13 +307,12 @@ def _told(
     size = np.array(renderer.resolution)
     told["tangent_to_pixel"][:, :2] = size / 2 / views.tan_half
     told["tangent_to_pixel"][:, 2:] = size / 2
-    rows = (views.min_distance, views.max_distance, views.min_ray_cos, views.min_axis_cos)
-    told["limits"] = np.stack(rows, axis=1)
-    told["clip"][:, 0], told["clip"][:, 1] = views.clip_near, views.clip_far
-    told["clip"][:, 2] = rules.tolerance
+    told["working_range"] = np.stack([views.min_distance, views.max_distance], axis=1)
+    told["min_cos"] = np.stack([views.min_ray_cos, views.min_axis_cos], axis=1)
+    told["clip"] = np.stack([views.clip_near, views.clip_far], axis=1)
+    told["tolerance"] = rules.tolerance
     told["min_pixels"] = max(rules.min_pixels, 1)
+    told["size"] = size
     view = np.arange(len(views))
-    told["image"][:, :2] = size
-    told["image"][:, 2] = size[1] * (view % renderer.tiles)
-    told["image"][:, 3] = words * view
+    told["first_row_and_word"] = np.stack([size[1] * (view % renderer.tiles), words * view], 1)
     return told

@@ -117,7 +117,10 @@ class Clusters:
             Longest edge as a share of that distance.
         """
         centre, radius = self._sphere
-        nearest = depth @ centre.T - radius
+        # sums row by row: a matrix product's last bits depend on the other rows
+        nearest = depth[:, 3:] - radius
+        for axis in range(3):
+            nearest += depth[:, axis : axis + 1] * centre[:, axis]
         return (nearest >= near[:, None]) & (share[:, None] * nearest >= self._longest_edge)
 
     def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.caster import Caster, Rules
+from glvis.sight.caster import Caster, Rules, can_hold
 from glvis.sight.clusters import Clusters
 from glvis.sight.crops import (
     CameraFaces,
@@ -106,7 +106,8 @@ class Mapper:
         """
         if self.options.semantics == "paper":
             return self._by_paper(camera_to_world, sensor)
-        if self._casts and self.options.occlusion == "physical":
+        size = render_resolution(self.options, sensor, self.model)
+        if self._casts and self.options.occlusion == "physical" and can_hold(size):
             return self._by_casting(camera_to_world, sensor)
         if self.options.criterion == "centroid":
             return self._by_centroid(camera_to_world, sensor)

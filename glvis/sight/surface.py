@@ -43,20 +43,20 @@ class Surface:
 
     def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
         self.clusters, self._origin, self._is_target = clusters, origin, is_target
-        self._arrays: dict[Any, VertexArray] = {}
+        self._layouts: dict[str, _Layout] = {}
+        self._arrays: dict[Any, Any] = {}
         self._tables: list[Any] = []
 
     def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
         """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
         if by_face:
             mask = mask[self.clusters.order]
+        layout = self._layout("ids" if "face_id" in program else "positions")
         if program not in self._arrays:
-            if "face_id" in program:
-                layout = _provoking_layout(self.clusters, self._origin, self._is_target)
-            else:
-                layout = _position_layout(self.clusters, self._origin)
-            self._arrays[program] = VertexArray(program, *layout)
-        self._arrays[program].draw(mask)
+            self._arrays[program] = layout.array(program)
+        chosen = layout.chosen(mask)
+        if chosen:
+            self._arrays[program].render(moderngl.TRIANGLES, vertices=chosen)
 
     def use_tables(self) -> None:
         """Bind vertices, corners, centroids and normals as textures 0 to 3, for cast.comp.glsl."""
@@ -67,40 +67,49 @@ class Surface:
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for array in self._arrays.values():
-            array.release()
-        for table in self._tables:
-            table.release()
+        for part in (*self._arrays.values(), *self._layouts.values(), *self._tables):
+            part.release()
         self._arrays.clear()
+        self._layouts.clear()
         self._tables.clear()
 
+    def _layout(self, name: str) -> _Layout:
+        if name not in self._layouts:
+            if name == "ids":
+                rows = _provoking_layout(self.clusters, self._origin, self._is_target)
+            else:
+                rows = _position_layout(self.clusters, self._origin)
+            self._layouts[name] = _Layout(*rows)
+        return self._layouts[name]
 
-class VertexArray:
+
+class _Layout:
     """Vertices that stay on the GPU, and room for the indices of one draw."""
 
-    def __init__(
-        self, program: Any, vertices: NDArray[np.void], indices: NDArray[np.uint32]
-    ) -> None:
+    def __init__(self, vertices: NDArray[np.void], indices: NDArray[np.uint32]) -> None:
         context = gl_context()
         self._faces = indices
+        self._names = vertices.dtype.names or ()
         self._vertices = context.buffer(vertices)
         self._indices = context.buffer(reserve=indices.nbytes, dynamic=True)
-        names = vertices.dtype.names or ()
-        content = " ".join(_FORMATS[name] for name in names)
-        self._array = context.vertex_array(
-            program, [(self._vertices, content, *names)], self._indices
+
+    def array(self, program: Any) -> Any:
+        """Return a vertex array for a program."""
+        content = " ".join(_FORMATS[name] for name in self._names)
+        return gl_context().vertex_array(
+            program, [(self._vertices, content, *self._names)], self._indices
         )
 
-    def draw(self, mask: Bools) -> None:
-        """Draw the chosen ones of equal runs of faces, as many as the mask is long."""
+    def chosen(self, mask: Bools) -> int:
+        """Take the chosen ones of equal runs of faces as indices; return how many indices."""
         chosen = self._faces.reshape(len(mask), -1).take(np.flatnonzero(mask), axis=0)
         if chosen.size:
             self._indices.write(chosen)
-            self._array.render(moderngl.TRIANGLES, vertices=chosen.size)
+        return int(chosen.size)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for part in (self._array, self._indices, self._vertices):
+        for part in (self._indices, self._vertices):
             part.release()
 
 
@@ -193,11 +202,12 @@ def compiled_compute(name: str, *defines: str) -> Any:
 @cache
 def compiled(name: str, *defines: str) -> Any:
     """Return the compiled program of ``shaders/<name>.*.glsl``."""
+    version = 430 if "BEHIND_CAST" in defines else 0  # storage buffers
     return _compiled(
         f"{name}.*.glsl",
         lambda: gl_context().program(
-            vertex_shader=shader_source(f"{name}.vert.glsl", *defines),
-            fragment_shader=shader_source(f"{name}.frag.glsl", *defines),
+            vertex_shader=shader_source(f"{name}.vert.glsl", *defines, version=version),
+            fragment_shader=shader_source(f"{name}.frag.glsl", *defines, version=version),
         ),
     )
 
