@@ -64,23 +64,22 @@ def test_the_nearer_of_two_plates_wins_in_either_order_of_faces(order):
 
 def test_an_id_beyond_two_to_the_24_and_31_is_exact():
     for face_id in (2**24 + 1, 2**31 + 2**24 + 3, 2**32 - 1):
-        shader = surface.compiled("id_buffer", "REFUSED_HIDE")
         vertices = np.zeros(3, dtype=surface.VERTEX)
         vertices["position"] = [[-9, -9, -2], [9, -9, -2], [0, 9, -2]]
         vertices["face_id"][2], vertices["normal"][2] = face_id, (0, 0, 1)
-        array = surface.VertexArray(shader, vertices, np.array([[0, 1, 2]], dtype=np.uint32))
+        layout = surface.Layout(vertices, np.array([[0, 1, 2]], dtype=np.uint32))
 
         class _One:
             """A surface of the one triangle."""
 
-            def draw(self, program, mask, by_face, array=array):
-                array.draw(mask)
+            def draw(self, program, mask, by_face, layout=layout):
+                layout.draw(program, mask)
 
         selection = r.Selection(_One(), np.ones((1, 1), dtype=bool), np.zeros(1, dtype=bool))
         with r.Renderer((2, 2)) as renderer:
             for _, images in renderer.id_images(views(), [selection], origin=np.zeros(3)):
                 assert images[0].tolist() == [[face_id] * 2] * 2
-        array.release()
+        layout.release()
 
 
 def test_a_second_picture_holds_nothing_of_the_first():
@@ -144,7 +143,7 @@ def test_a_picture_larger_than_the_driver_can_draw_is_refused():
 
 def test_a_shader_that_does_not_compile_is_named(monkeypatch):
     monkeypatch.setattr(
-        surface, "shader_source", lambda name, *defines: "#version 330 core\nvoid main("
+        surface, "shader_source", lambda name, *defines, version: "#version 330 core\nvoid main("
     )
     with pytest.raises(MachineError, match=r"shaders/broken\.\*\.glsl did not compile on"):
         surface.compiled.__wrapped__("broken")

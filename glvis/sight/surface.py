@@ -43,20 +43,14 @@ class Surface:
 
     def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
         self.clusters, self._origin, self._is_target = clusters, origin, is_target
-        self._layouts: dict[str, _Layout] = {}
-        self._arrays: dict[Any, Any] = {}
+        self._layouts: dict[str, Layout] = {}
         self._tables: list[Any] = []
 
     def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
         """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
         if by_face:
             mask = mask[self.clusters.order]
-        layout = self._layout("ids" if "face_id" in program else "positions")
-        if program not in self._arrays:
-            self._arrays[program] = layout.array(program)
-        chosen = layout.chosen(mask)
-        if chosen:
-            self._arrays[program].render(moderngl.TRIANGLES, vertices=chosen)
+        self._layout("ids" if "face_id" in program else "positions").draw(program, mask)
 
     def use_tables(self) -> None:
         """Bind vertices, corners, centroids and normals as textures 0 to 3, for cast.comp.glsl."""
@@ -67,23 +61,22 @@ class Surface:
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for part in (*self._arrays.values(), *self._layouts.values(), *self._tables):
+        for part in (*self._layouts.values(), *self._tables):
             part.release()
-        self._arrays.clear()
         self._layouts.clear()
         self._tables.clear()
 
-    def _layout(self, name: str) -> _Layout:
+    def _layout(self, name: str) -> Layout:
         if name not in self._layouts:
             if name == "ids":
                 rows = _provoking_layout(self.clusters, self._origin, self._is_target)
             else:
                 rows = _position_layout(self.clusters, self._origin)
-            self._layouts[name] = _Layout(*rows)
+            self._layouts[name] = Layout(*rows)
         return self._layouts[name]
 
 
-class _Layout:
+class Layout:
     """Vertices that stay on the GPU, and room for the indices of one draw."""
 
     def __init__(self, vertices: NDArray[np.void], indices: NDArray[np.uint32]) -> None:
@@ -92,24 +85,24 @@ class _Layout:
         self._names = vertices.dtype.names or ()
         self._vertices = context.buffer(vertices)
         self._indices = context.buffer(reserve=indices.nbytes, dynamic=True)
+        self._arrays: dict[Any, Any] = {}
 
-    def array(self, program: Any) -> Any:
-        """Return a vertex array for a program."""
-        content = " ".join(_FORMATS[name] for name in self._names)
-        return gl_context().vertex_array(
-            program, [(self._vertices, content, *self._names)], self._indices
-        )
-
-    def chosen(self, mask: Bools) -> int:
-        """Take the chosen ones of equal runs of faces as indices; return how many indices."""
+    def draw(self, program: Any, mask: Bools) -> None:
+        """Draw the chosen ones of equal runs of faces, as many as the mask is long."""
         chosen = self._faces.reshape(len(mask), -1).take(np.flatnonzero(mask), axis=0)
-        if chosen.size:
-            self._indices.write(chosen)
-        return int(chosen.size)
+        if not chosen.size:
+            return
+        if program not in self._arrays:
+            content = " ".join(_FORMATS[name] for name in self._names)
+            self._arrays[program] = gl_context().vertex_array(
+                program, [(self._vertices, content, *self._names)], self._indices
+            )
+        self._indices.write(chosen)
+        self._arrays[program].render(moderngl.TRIANGLES, vertices=chosen.size)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for part in (self._indices, self._vertices):
+        for part in (*self._arrays.values(), self._indices, self._vertices):
             part.release()
 
 
