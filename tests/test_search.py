@@ -8,11 +8,13 @@ from small_study import SMALL, write_small_study
 
 from glvis.errors import StudyError
 from glvis.inputs.study import load_study
+from glvis.optim.auto import _recombined
 from glvis.optim.box import Box
 from glvis.optim.evaluator import Evaluator
-from glvis.optim.greedy import greedy, greedy_alone, mounts_of
+from glvis.optim.greedy import _drawn, greedy, greedy_alone, mounts_of
 from glvis.optim.placement import place_sensors
 from glvis.optim.refine import Steps, refine_alone
+from glvis.optim.rivals import challenge
 from glvis.optim.script import Block, Problem, ScriptSearch
 from glvis.optim.search import METHODS
 from glvis.optim.search_options import SearchOptions
@@ -145,6 +147,64 @@ def test_greedy_finds_for_each_mount_the_best_of_the_same_poses_at_no_further_co
     assert alone[0] == (0,) and (0, 1) in alone
 
 
+def hills(x, looking):
+    """Return the value of a broad low hill at 0.2 and a steep high one at 0.8, mount by mount."""
+    places = x.reshape(-1, 2)[list(looking)]
+    low = 1 - 2 * np.linalg.norm(places - 0.2, axis=1)
+    return float(np.maximum(low, 2 - 10 * np.linalg.norm(places - 0.8, axis=1)).sum())
+
+
+def told(script, function, sensors):
+    """Return what a script returns, and how many positions it asked for."""
+    asked, values = 0, None
+    try:
+        while True:
+            ask = script.send(values)
+            asked += len(ask.positions)
+            values = np.array([function(x, ask.sensors or sensors) for x in ask.positions])
+    except StopIteration as end:
+        return end.value, asked
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rivals_find_the_hill_that_climbing_does_not_lead_to(seed):
+    task = problem(PAIR, seed=seed, start=0.2)
+    (x, value), asked = told(challenge(task, task.start, task.blocks[1]), hills, (0, 1))
+    assert value == hills(x, (0, 1)) > 1 + 1.5
+    assert np.array_equal(x[:2], task.start[:2])  # the other mount stays
+    assert asked < 400
+    climbed = ScriptSearch(refine_alone, problem(PAIR, seed=seed, start=0.2, max_maps=400))
+    assert Course(climbed, hills, PAIR).run().best_value < 2 + 1e-9
+
+
+def test_auto_takes_every_mount_to_the_higher_hill():
+    search = ScriptSearch(METHODS["auto"], problem(PAIR, max_maps=2000, start=0.2))
+    assert Course(search, hills, PAIR).run().best_value > 3.9
+
+
+def test_places_that_runs_found_are_combined_at_no_cost_of_maps():
+    task = problem(PAIR, start=0.1)
+    good, bad = [0.7, 0.7], [0.0, 0.0]
+    found = [np.array(one + other) for one, other in ((good, bad), (bad, bad))]
+    run = (found[1], bowl(found[1], ()), [])
+    (x, value, _), _ = told(_recombined(task, run, found), bowl, (0, 1))
+    assert x.tolist() == good + good and value == bowl(x, ())
+    worse = [np.array(bad + bad)]
+    run = (found[0], bowl(found[0], ()), [])
+    (x, value, _), _ = told(_recombined(task, run, worse), bowl, (0, 1))
+    assert x is found[0] and value == bowl(x, ())
+
+
+def test_poses_with_the_best_guess_are_drawn_and_often_on_the_bounds():
+    plain, guided = problem(PAIR), problem(PAIR)
+    guided.guess = lambda x, sensors: np.array([bowl(row, sensors) for row in x])
+    drawn = [_drawn(task, mounts_of(task)[0], 400) for task in (plain, guided)]
+    far = [np.linalg.norm(places - 0.7, axis=1).mean() for places in drawn]
+    assert far[1] < 0.6 * far[0]
+    on_bounds = np.mean((drawn[0] == 0) | (drawn[0] == 1))
+    assert abs(on_bounds - 1 / 3) < 0.05  # of a range 1.5 times as wide
+
+
 def test_greedy_with_shared_variables_leaves_what_is_decided_alone():
     course = Course(ScriptSearch(greedy_alone, problem(SHARED, max_maps=400)), bowl, SHARED)
     course.run()
@@ -244,7 +304,7 @@ def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method,
     placement = place_sensors(study)
     assert placement.value > placement.start_value
     assert placement.maps_rendered <= 300
-    assert {row.method for row in placement.trace} <= {*METHODS}
+    assert {row.method for row in placement.trace} <= {*METHODS, "rivals"}
     assert placement.trace[-1].best == placement.value
     with Evaluator(study) as evaluator:
         assert evaluator(placement.position)[0] == placement.value

@@ -87,9 +87,15 @@ class Box:
             raise ValueError("start must be finite")
         return self.inside(rows)
 
-    def uniform(self, n: int, rng: np.random.Generator) -> Floats:
-        """Return n independent random positions (n, D)."""
-        return self.inside(self.bounds[:, 0] + self.range * rng.random((n, len(self))))
+    def uniform(self, n: int, rng: np.random.Generator, reach: float = 1.0) -> Floats:
+        """Return n independent random positions (n, D).
+
+        With ``reach`` above 1 they come from a range so many times as wide, and what falls
+        outside is put on the bound, where the best places often are; periodic ones as ever.
+        """
+        u = rng.random((n, len(self)))
+        u = np.where(self.wraps, u, (u - 0.5) * reach + 0.5)
+        return self.inside(self.bounds[:, 0] + self.range * u)
 
     def sobol(self, n: int, rng: np.random.Generator) -> Floats:
         """Return n random positions (n, D) spread evenly: scrambled Sobol points."""

@@ -21,6 +21,9 @@ _PROMISING = 0.1  # share of the draws that are looked at again
 _GOOD = 0.1  # share of the first choices that other starts begin with
 _FEWEST = 8  # draws a mount
 _STARTS = 4
+# Of so many random poses the one with the best guess is rendered; poses are drawn from a range
+# so many times as wide as the variables'. See auto.py for what was measured.
+_GUESSES, _REACH = 8, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,7 @@ def greedy(problem: Problem, maps: int, starts: int = 1) -> Script:
     found: dict[bytes, tuple[float, Floats]] = {}
     for number in range(starts):
         x = yield from _placed_one_by_one(problem, mounts, draws, is_best_first=number == 0)
-        value, x = yield from _exchanged(problem, mounts, draws, x)
+        value, x = yield from exchanged(problem, mounts, draws, x)
         found[x.tobytes()] = (value, x)
         if not all(mount.is_alone for mount in mounts):
             break  # another start would cost as many maps again
@@ -101,10 +104,16 @@ def _draws(problem: Problem, mounts: list[Mount], maps: int) -> dict[object, Flo
     pose_maps = problem.models * sum(len(mount.sensors) for mount in first_of.values())
     kept = problem.most_poses // (2 * sum(len(mount.sensors) for mount in first_of.values()))
     n = max(_FEWEST, min(maps // pose_maps, kept))
-    return {
-        mount.kind: problem.box.uniform(n, problem.rng)[:, mount.columns]
-        for mount in first_of.values()
-    }
+    return {mount.kind: _drawn(problem, mount, n) for mount in first_of.values()}
+
+
+def _drawn(problem: Problem, mount: Mount, n: int) -> Floats:
+    """Return random values (n, d) of a mount's variables, those with the best guesses of many."""
+    drawn = problem.box.uniform(n * _GUESSES, problem.rng, _REACH)[:, mount.columns]
+    x = np.repeat(problem.start[None], len(drawn), axis=0)
+    x[:, mount.columns] = drawn
+    best = problem.guess(x, mount.sensors).reshape(n, _GUESSES).argmax(axis=1)
+    return drawn.reshape(n, _GUESSES, -1)[np.arange(n), best]
 
 
 def _placed_one_by_one(
@@ -149,10 +158,13 @@ def _candidates(waiting: list[Mount]) -> list[Mount]:
     return list(chosen.values())
 
 
-def _exchanged(
+def exchanged(
     problem: Problem, mounts: list[Mount], draws: dict[object, Floats], x: Floats
 ) -> Script:
-    """Return value and layout after choosing each independent mount again, beside the others."""
+    """Return value and layout after choosing each independent mount again, beside the others.
+
+    ``draws`` are the values (N, d) to choose from by kind of mount, all rendered already.
+    """
     (value,) = yield from _values(problem, x[None], (), None)
     alone = [mount for mount in mounts if mount.is_alone]
     promising = {mount.sensors: draws[mount.kind] for mount in alone}
@@ -164,7 +176,8 @@ def _exchanged(
             layouts[:, mount.columns] = poses
             values = yield from _values(problem, layouts, (), None)
             if round_ == 0:  # what is poor beside these others will not be best beside the next
-                best = np.argsort(-values, kind="stable")[: math.ceil(_PROMISING * len(values))]
+                kept = max(_FEWEST, math.ceil(_PROMISING * len(values)))
+                best = np.argsort(-values, kind="stable")[:kept]
                 promising[mount.sensors] = poses[best]
             if values.max() > value:
                 value, x = values.max(), layouts[values.argmax()]

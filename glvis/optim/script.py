@@ -87,6 +87,9 @@ class Problem:
         Returns for a position (D,) what tells poses of the S sensors apart; equals see the same.
     rng : Generator
         The one source of chance.
+    guess : callable
+        Returns values (P,) that positions (P, D) may have where some sensors look (None: all);
+        good for ranks only, and costs no map. Without one, all are equal.
     swarm : SwarmOptions
         Of the study.
     maps_rendered : int
@@ -101,6 +104,7 @@ class Problem:
     most_poses: int
     views: Callable[[Floats], Sequence[object]]
     rng: np.random.Generator
+    guess: Callable[[Floats, Sequence[int] | None], Floats] = lambda x, sensors: np.zeros(len(x))
     swarm: SwarmOptions = field(default_factory=SwarmOptions)
     maps_rendered: int = field(default=0)
 

@@ -15,6 +15,7 @@ from glvis.inputs.study import Study
 from glvis.optim.auto import auto
 from glvis.optim.box import Box
 from glvis.optim.greedy import greedy_alone
+from glvis.optim.guess import Guess
 from glvis.optim.refine import refine_alone
 from glvis.optim.script import Problem, Script, ScriptSearch
 from glvis.optim.swarm import Swarm
@@ -161,6 +162,7 @@ def new_search(study: Study, most_poses: int) -> Search:
         most_poses=most_poses,
         views=views,
         rng=np.random.default_rng(study.swarm.seed),
+        guess=Guess(study),
         swarm=study.swarm,
     )
     return ScriptSearch(METHODS[method], problem)

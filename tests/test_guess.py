@@ -1,0 +1,52 @@
+"""The guess that renders no map: exact where nothing hides anything, the same in any company."""
+
+import numpy as np
+import pytest
+from small_study import SMALL, write_small_study
+
+from glvis.inputs.study import load_study
+from glvis.optim.evaluator import Evaluator
+from glvis.optim.guess import Guess
+
+# one convex body seen from around it, by centres of mass: only the filters decide
+CONVEX = (
+    SMALL.replace('"ball.off", "ring.off"', '"tiny.off"')
+    .replace('obstacles = ["post.off"]', "")
+    .replace('resolution = "sensor"', 'criterion = "centroid"')
+)
+
+
+def positions(study, n, rng):
+    low, high = study.rig.bounds.T
+    return low + (high - low) * rng.random((n, len(low)))
+
+
+@pytest.mark.parametrize("kind", ["of1", "of3"])
+def test_guess_is_the_value_where_nothing_hides_anything(tmp_path, rng, kind):
+    study = load_study(write_small_study(tmp_path, rng, CONVEX), [f"objective.kind={kind}"])
+    x = positions(study, 100, rng)
+    with Evaluator(study) as evaluator:
+        guess = Guess(study)
+        assert np.allclose(guess(x, None), evaluator(x), atol=1e-12)
+        of_one = [float(values[0]) for values in evaluator.each(x, (1,))]
+        assert np.allclose(guess(x, (1,)), of_one, atol=1e-12)
+
+
+def test_guess_looks_at_some_faces_only_and_ranks_as_maps_do(tmp_path, rng, monkeypatch):
+    monkeypatch.setattr("glvis.optim.guess._FACES", 100)
+    study = load_study(write_small_study(tmp_path, rng), ["objective.kind=of1"])
+    x = positions(study, 200, rng)
+    with Evaluator(study) as evaluator:
+        values, guesses = evaluator(x), Guess(study)(x, None)
+        assert evaluator.maps_rendered == 2 * 2 * 200  # none of them for the guess
+    ranks = [np.argsort(np.argsort(v)) for v in (values, guesses)]
+    assert np.corrcoef(*ranks)[0, 1] > 0.6
+
+
+def test_guess_of_a_position_does_not_depend_on_its_neighbours(tmp_path, rng):
+    study = load_study(write_small_study(tmp_path, rng))
+    x, guess = positions(study, 150, rng), Guess(study)
+    together = guess(x, None)
+    assert together.shape == (150,)
+    assert [float(guess(row[None], None)[0]) for row in x[::10]] == together[::10].tolist()
+    assert np.array_equal(guess(np.concatenate([x, x[:1]]), None)[[0, -1]], together[[0, 0]])
