@@ -88,13 +88,19 @@ def test_search_finds_the_same_with_any_number_of_workers(study):
         assert np.array_equal(one.visible, other.visible)
 
 
+def killed(process):
+    """Kill a worker, and return when it is dead: a busy machine takes its time."""
+    process.kill()
+    process.wait(60)
+
+
 def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, positions):
     jobs = some_jobs(study, positions)
     workers = Workers(MapScene.of(study), 2)
     made = []
     for bits in workers.make(jobs):
         if not made:
-            os.kill(processes(workers)[0].pid, signal.SIGKILL)
+            killed(processes(workers)[0])
         made.append(bits)
     assert_same_maps(made, study, jobs)
     made = list(workers.make(jobs))
@@ -128,7 +134,7 @@ def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
 
     def kill(progress):
         if progress.iteration == 1:
-            os.kill(processes(crews[0])[0].pid, signal.SIGKILL)
+            killed(processes(crews[0])[0])
 
     alone, together = place_sensors(study), place_sensors(study, workers=2, on_iteration=kill)
     assert together.warnings == (
