@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from glvis.inputs.study import Study, load_study
+try:
+    from glvis.inputs.study import Study, load_study
+except ImportError:
+    sys.exit(
+        "glvis is not installed in this Python; run tools/demo once, then .venv/bin/python TOOL"
+    )
 
 HERE = Path(__file__).resolve().parents[1]
 SCENES = HERE / "scenes"
