@@ -26,6 +26,8 @@ ARROWS = {
     "script": "box errors swarm_options",
     "greedy": "script",
     "refine": "box script",
+    "covariance": "errors script",
+    "differential": "script",
     "rivals": "script",
     "auto": "greedy refine rivals script",
     "sensor": "camera",
@@ -55,7 +57,7 @@ ARROWS = {
     "remote": "context errors maps",
     "cluster": "errors maps remote workers",
     "guess": "sensor study",
-    "search": "auto box greedy guess refine script study swarm",
+    "search": "auto box covariance differential greedy guess refine script study swarm",
     "checkpoint": "errors study",
     "run": "checkpoint errors evaluator search study",
     "reach": "box evaluator visibility",
@@ -124,6 +126,7 @@ DOORS = {
     "pydantic": "schema complaints study",
     "typer": "cli cli_options cli_results cli_series",
     "distributed": "cluster remote",
+    "cma": "covariance",
     "embreex": "",  # the rival that tools/bench measures; never part of the product
 }
 

@@ -1,12 +1,15 @@
 """Search methods on functions whose best place is known; budgets, resumption, whole studies."""
 
+import gc
 import math
+import sys
+import threading
 
 import numpy as np
 import pytest
 from small_study import SMALL, write_small_study
 
-from glvis.errors import StudyError
+from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
 from glvis.optim.auto import _recombined
 from glvis.optim.box import Box
@@ -300,17 +303,18 @@ def small(tmp_path, rng):
 
 @pytest.mark.parametrize("method", sorted(METHODS))
 def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method, tmp_path):
-    study = load_study(small, [f"search.method={method}", "search.max_maps=300"])
+    most, last = (1000, 1) if method == "de" else (300, 6)  # whose first iteration takes 240
+    study = load_study(small, [f"search.method={method}", f"search.max_maps={most}"])
     placement = place_sensors(study)
     assert placement.value > placement.start_value
-    assert placement.maps_rendered <= 300
+    assert placement.maps_rendered <= most
     assert {row.method for row in placement.trace} <= {*METHODS, "rivals"}
     assert placement.trace[-1].best == placement.value
     with Evaluator(study) as evaluator:
         assert evaluator(placement.position)[0] == placement.value
 
     def stop(progress):
-        if progress.iteration == 6:
+        if progress.iteration == last:
             raise InterruptedError
 
     path = tmp_path / "checkpoint.npz"
@@ -320,6 +324,66 @@ def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method,
     assert [row[:-1] for row in resumed.trace] == [row[:-1] for row in placement.trace]
     assert np.array_equal(resumed.position, placement.position)
     assert resumed.maps_rendered == placement.maps_rendered
+
+
+@pytest.mark.parametrize("name", ["cma", "de"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_methods_for_comparison_find_the_top_of_a_bowl(name, seed):
+    before = np.random.get_state()[1].tolist()  # noqa: NPY002
+    search = ScriptSearch(METHODS[name], problem(SHARED, max_maps=12_000, seed=seed))
+    Course(search, bowl, SHARED).run()
+    assert search.best_value > -1e-4
+    assert np.random.get_state()[1].tolist() == before  # noqa: NPY002 (chance has one source)
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+def test_one_variable_and_one_that_cannot_move_are_no_trouble(name):
+    single = ScriptSearch(METHODS[name], problem([(0,)], max_maps=500))
+    assert Course(single, bowl, [(0,)]).run().best_value > -1e-3
+    task = problem(PAIR, max_maps=3000)
+    task.box = Box([[0, 1], [0.5, 0.5], [0, 1], [0, 1]])
+    task.start = np.array([0.1, 0.5, 0.1, 0.1])
+    held = Course(ScriptSearch(METHODS[name], task), bowl, PAIR).run()
+    assert held.best_x[1] == 0.5 and held.best_value > -0.1
+
+
+def test_covariance_restarts_with_twice_the_population_and_wraps():
+    task = problem(PAIR, max_maps=12_000)
+    task.box = Box(task.box.bounds, [True, False, False, False])
+
+    def ring(x, looking):
+        around = abs(x[0] - 0.98)
+        return -float(min(around, 1 - around) ** 2 + np.sum((x[1:] - 1.0) ** 2))
+
+    task.start = np.array([0.05, 0.5, 0.5, 0.5])
+    search = ScriptSearch(METHODS["cma"], task)
+    course = Course(search, ring, PAIR)
+    course.run()
+    assert search.best_value > -1e-6
+    sizes = [len(x) for x, *_ in course.asks]
+    assert {8, 16} <= set(sizes) and sizes == sorted(sizes)
+    for x, *_ in course.asks:
+        assert (x >= 0).all() and (x <= 1).all()
+
+
+def test_differential_evolution_ends_where_its_population_is_one_and_leaves_no_thread():
+    threads = threading.active_count()
+    search = ScriptSearch(METHODS["de"], problem([(0,)], max_maps=10**6))
+    Course(search, lambda x, looking: -float(round(abs(x[0] - 0.7), 2)), [(0,)]).run(most=300)
+    search = ScriptSearch(METHODS["de"], problem([(0,)], max_maps=10**6))
+    flat = Course(search, lambda x, looking: 1.0, [(0,)])
+    assert flat.run().stop_reason == "finished: no two layouts of the population differ"
+    del search, flat
+    gc.collect()
+    assert threading.active_count() == threads
+
+
+def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cma", None)
+    with pytest.raises(MachineError) as error:
+        ScriptSearch(METHODS["cma"], problem(PAIR))
+    assert str(error.value).startswith("search.method = 'cma' needs pycma (")
+    assert str(error.value).endswith("install it by: pip install 'glvis[methods]'")
 
 
 def test_swarm_obeys_the_maps_and_the_seconds_too(small):

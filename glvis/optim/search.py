@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.inputs.study import Study
 from glvis.optim.auto import auto
 from glvis.optim.box import Box
+from glvis.optim.covariance import cma
+from glvis.optim.differential import differential_evolution
 from glvis.optim.greedy import greedy_alone
 from glvis.optim.guess import Guess
 from glvis.optim.refine import refine_alone
@@ -128,6 +130,8 @@ class SwarmSearch(Swarm):
 
 METHODS: dict[str, Callable[[Problem], Script]] = {
     "auto": auto,
+    "cma": cma,
+    "de": differential_evolution,
     "greedy": greedy_alone,
     "refine": refine_alone,
 }

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-METHODS = ("swarm", "auto", "greedy", "refine")
+METHODS = ("swarm", "auto", "greedy", "refine", "cma", "de")
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,8 @@ class SearchOptions:
     method : str
         "swarm": the paper's, with the options of its own table. "greedy": random poses of one
         mount at a time. "refine": from the start, one block of variables at a time. "auto":
-        greedy starts, the best of them refined.
+        greedy starts, the best of them refined, then challenged by rivals. "cma" (pycma, an
+        extra) and "de" (SciPy's differential evolution) are there for comparison.
     max_maps : int, optional
         Stop before more maps are rendered; without it "swarm" has its iterations, and the
         others 4,000 maps a sensor and model.
@@ -26,7 +27,7 @@ class SearchOptions:
         Stop after the iteration that takes the run past this time.
     """
 
-    method: Literal["swarm", "auto", "greedy", "refine"] = "swarm"
+    method: Literal["swarm", "auto", "greedy", "refine", "cma", "de"] = "swarm"
     max_maps: int | None = None
     max_seconds: float | None = None
 
