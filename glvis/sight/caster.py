@@ -164,13 +164,16 @@ class Caster:
         cast = compiled_compute("cast")
         judge = compiled_compute("cast", *rules.defines, *["DRAWN"] * is_drawn)
         visible = np.zeros((n, n_faces), dtype=bool)
+        windows = None
+        if is_drawn:
+            windows = views.windows(targets.surface.clusters.corners, renderer.resolution)
         drawing = renderer.batches(
             views,
             to_draw,
             origin=origin,
             with_ids=with_ids,
             behind_cast=len(work) > 0,
-            windows=views.windows(targets.surface.clusters.corners, renderer.resolution),
+            windows=windows,
         )
         for first in range(0, n, renderer.tiles):
             some = range(first, min(first + renderer.tiles, n))
@@ -289,10 +292,10 @@ def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
 
     ``pixel`` (N,) is its width at unit depth. A view's map may not depend on the others.
     """
-    model = targets.surface.clusters.model
-    middle = np.append(model.bounds.mean(axis=0), 1.0)
-    depth = np.maximum(np.sum(views.depth_plane * middle, axis=1), views.clip_near)
-    return np.where(model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
+    clusters = targets.surface.clusters
+    depth = np.sum(views.depth_plane[:, :3] * clusters.middle, axis=1) + views.depth_plane[:, 3]
+    depth = np.maximum(depth, views.clip_near)
+    return np.where(clusters.model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
 
 
 def _told(
@@ -307,12 +310,16 @@ def _told(
     size = np.array(renderer.resolution)
     told["tangent_to_pixel"][:, :2] = size / 2 / views.tan_half
     told["tangent_to_pixel"][:, 2:] = size / 2
-    told["working_range"] = np.stack([views.min_distance, views.max_distance], axis=1)
-    told["min_cos"] = np.stack([views.min_ray_cos, views.min_axis_cos], axis=1)
-    told["clip"] = np.stack([views.clip_near, views.clip_far], axis=1)
+    for name, columns in (
+        ("working_range", (views.min_distance, views.max_distance)),
+        ("min_cos", (views.min_ray_cos, views.min_axis_cos)),
+        ("clip", (views.clip_near, views.clip_far)),
+    ):
+        told[name][:, 0], told[name][:, 1] = columns
     told["tolerance"] = rules.tolerance
     told["min_pixels"] = max(rules.min_pixels, 1)
     told["size"] = size
     view = np.arange(len(views))
-    told["first_row_and_word"] = np.stack([size[1] * (view % renderer.tiles), words * view], 1)
+    told["first_row_and_word"][:, 0] = size[1] * (view % renderer.tiles)
+    told["first_row_and_word"][:, 1] = words * view
     return told

@@ -99,7 +99,7 @@ class Clusters:
             Optical centres in the world.
         """
         low, high = self._plane_box
-        e = np.concatenate([eye - self._middle, np.ones((len(eye), 1))], axis=1)
+        e = np.concatenate([eye - self.middle, np.ones((len(eye), 1))], axis=1)
         # the largest n . eye - n . p over the cluster's box of planes (n, -n . p)
         bound = np.maximum(e, 0) @ high.T + np.minimum(e, 0) @ low.T
         return bound >= -_SLACK * self._extent
@@ -153,7 +153,8 @@ class Clusters:
         return float(np.max(np.ptp(self.model.bounds, axis=0)) + np.abs(self.model.bounds).max())
 
     @cached_property
-    def _middle(self) -> Floats:
+    def middle(self) -> Floats:
+        """Of the model's box, (3,)."""
         return self.model.bounds.mean(axis=0)
 
     @cached_property
@@ -183,7 +184,7 @@ class Clusters:
     def _plane_box(self) -> tuple[Floats, Floats]:
         """Least and largest (n, -n . p) over each cluster's faces, (C, 4) each."""
         normals = self.model.normals[self.order]
-        points = self.model.centroids[self.order] - self._middle
+        points = self.model.centroids[self.order] - self.middle
         offset = -np.sum(normals * points, axis=1, keepdims=True)
         planes = np.concatenate([normals, offset], axis=1).reshape(len(self), self.size, 4)
         return planes.min(axis=1), planes.max(axis=1)
@@ -203,7 +204,7 @@ class Clusters:
         if len(self._caps):
             triangles = np.concatenate([triangles, self._caps])
             part_of_face = np.concatenate([part_of_face, part_of_vertex[self._boundary[:, 0]]])
-        triangles = triangles - self._middle
+        triangles = triangles - self.middle
         volume = np.sum(triangles[:, 0] * np.cross(triangles[:, 1], triangles[:, 2]), axis=1)
         volumes = np.bincount(part_of_face, weights=volume, minlength=parts)
         used = np.bincount(part_of_face, minlength=parts) > 0

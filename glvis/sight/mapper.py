@@ -108,17 +108,16 @@ class Mapper:
             return self._by_paper(camera_to_world, sensor)
         size = render_resolution(self.options, sensor, self.model)
         if self._casts and self.options.occlusion == "physical" and can_hold(size):
-            return self._by_casting(camera_to_world, sensor)
+            return self._by_casting(camera_to_world, sensor, size)
         if self.options.criterion == "centroid":
             return self._by_centroid(camera_to_world, sensor)
         return self._by_pixels(camera_to_world, sensor)
 
-    def _by_casting(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+    def _by_casting(self, camera_to_world: Floats, sensor: Sensor, size: tuple[int, int]) -> Bools:
         """Return the faces that either criterion counts, where compute shaders are at hand."""
         options = self.options
         views = self._views(camera_to_world, sensor)
         targets, candidates = _selection(self.surface, views)
-        size = render_resolution(options, sensor, self.model)
         by_pixels = options.criterion == "pixels"
         rules = Rules(
             min_pixels=options.min_pixels if by_pixels else 0,
