@@ -18,7 +18,7 @@ METHOD = "greedy"
 _AT_ONCE = 256  # positions asked for at once
 _ROUNDS = 8  # of exchanges at most
 _PROMISING = 0.1  # share of the draws that are looked at again
-_GOOD = 0.1  # share of the first choices that other starts begin with
+_GOOD = 0.3  # share of the first choices that other starts begin with
 _FEWEST = 8  # draws a mount
 _STARTS = 4
 # Of so many random poses the one with the best guess is rendered; poses are drawn from a range
