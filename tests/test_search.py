@@ -17,7 +17,7 @@ from glvis.optim.evaluator import Evaluator
 from glvis.optim.greedy import _drawn, greedy, greedy_alone, mounts_of
 from glvis.optim.placement import place_sensors
 from glvis.optim.refine import Steps, refine_alone
-from glvis.optim.rivals import challenge
+from glvis.optim.rivals import challenge, cost
 from glvis.optim.script import Block, Problem, ScriptSearch
 from glvis.optim.search import METHODS
 from glvis.optim.search_options import SearchOptions
@@ -178,6 +178,20 @@ def test_rivals_find_the_hill_that_climbing_does_not_lead_to(seed):
     assert asked < 400
     climbed = ScriptSearch(refine_alone, problem(PAIR, seed=seed, start=0.2, max_maps=400))
     assert Course(climbed, hills, PAIR).run().best_value < 2 + 1e-9
+
+
+@pytest.mark.parametrize("max_maps", [100, 333, 1000, 4000])
+def test_auto_spends_what_it_may(max_maps):
+    course = Course(ScriptSearch(METHODS["auto"], problem(PAIR, max_maps=max_maps)), bowl, PAIR)
+    course.run()
+    assert max_maps - 10 < len(course.seen) <= max_maps
+
+
+def test_challenge_costs_no_more_than_it_says():
+    task = problem(SHARED, models=2)
+    for block in task.blocks:
+        _, asked = told(challenge(task, task.start, block), bowl, range(4))
+        assert asked * len(block.sensors) * 2 == cost(task, block)
 
 
 def test_auto_takes_every_mount_to_the_higher_hill():

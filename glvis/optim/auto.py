@@ -20,11 +20,11 @@ import numpy as np
 
 from glvis.optim.greedy import exchanged, greedy, mounts_of
 from glvis.optim.refine import METHOD, Steps, refine, steps_of
-from glvis.optim.rivals import challenge
+from glvis.optim.rivals import challenge, cost
 from glvis.optim.script import Block, Floats, Problem, Script
 
 # Shares of the budget at whose end a stage ends: greedy starts, rounds in which half of them
-# drop out, rivals of the last; the rest refines.
+# drop out, rivals of the last; the rest refines. Of starts so many that each can be challenged.
 _GREEDY, _ROUNDS, _RIVALS = 0.15, 0.7, 0.85
 _REFINED = 0.5  # of a round; the other half goes to rivals
 _STARTS, _STARTS_COUPLED = 16, 2
@@ -36,25 +36,29 @@ def auto(problem: Problem) -> Script:
     """Search until all maps that may be rendered are."""
     runs = yield from _starts(problem)
     found = [x for x, _, _ in runs]  # where each start and each rival came to
-    blocks = cycle(problem.blocks)
+    blocks, dearest = cycle(problem.blocks), _dearest(problem)
     rounds = len(runs).bit_length() - 1
     for _ in range(rounds):
         share = (_ROUNDS - _GREEDY) * problem.max_maps / rounds / len(runs)
         for number, run in enumerate(runs):
             end = problem.maps_rendered + share
             run = yield from _refined(problem, run, int(_REFINED * share))
-            while problem.maps_rendered < end:
+            while problem.maps_rendered < end and dearest <= problem.left():
                 run = yield from _challenged(problem, run, next(blocks), found)
             runs[number] = run
         found += [x for x, _, _ in runs]
         runs = sorted(runs, key=lambda run: -run[1])[: len(runs) // 2]
         runs[0] = yield from _recombined(problem, runs[0], found)
     run = runs[0]
-    while problem.maps_rendered < _RIVALS * problem.max_maps:
-        for _ in problem.blocks:
-            run = yield from _challenged(problem, run, next(blocks), found)
+    while problem.maps_rendered < _RIVALS * problem.max_maps and dearest <= problem.left():
+        run = yield from _challenged(problem, run, next(blocks), found)
         run = yield from _recombined(problem, run, found)
     yield from _refined(problem, run)
+
+
+def _dearest(problem: Problem) -> int:
+    """Return the maps that the dearest challenge takes."""
+    return max(cost(problem, block) for block in problem.blocks)
 
 
 def _challenged(problem: Problem, run: Run, block: Block, found: list[Floats]) -> Script:
@@ -84,6 +88,8 @@ def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
         layouts = np.repeat(x[None], len(known), axis=0)
         layouts[:, mount.columns] = places[mount.kind] = known
         # counted as if none of the maps were kept any more
+        if len(known) * len(mount.sensors) * problem.models > problem.left():
+            return run
         yield problem.ask(layouts, mount.sensors, METHOD, mount.sensors)
     other_value, other = yield from exchanged(problem, mounts, places, x)
     return (other, float(other_value), steps_of(problem)) if other_value > value else run
@@ -95,12 +101,13 @@ def _starts(problem: Problem) -> Script:
     (value,) = yield problem.ask(x[None], range(len(problem.moved_by)), METHOD)
     found: list[tuple[Floats, float]] = [(x, float(value))]
     budget = int(_GREEDY * problem.max_maps)
+    starts = min(_STARTS, max(2, int(_ROUNDS * problem.max_maps / _dearest(problem))))
     if all(mount.is_alone for mount in mounts_of(problem)):
-        layouts, values = yield from greedy(problem, budget, _STARTS)
+        layouts, values = yield from greedy(problem, budget, starts)
         found += zip(layouts, values.tolist(), strict=True)
     else:
         for _ in range(_STARTS_COUPLED):
             layouts, values = yield from greedy(problem, budget // _STARTS_COUPLED)
             found += zip(layouts, values.tolist(), strict=True)
-    found = sorted(found, key=lambda start: -start[1])[:_STARTS]
+    found = sorted(found, key=lambda start: -start[1])[:starts]
     return [(x, value, steps_of(problem)) for x, value in found]

@@ -12,10 +12,16 @@ from glvis.optim.script import Block, Floats, Problem, Script
 
 METHOD = "rivals"
 # See auto.py for what was measured.
-_RIVALS, _GUESSES = 16, 32  # rendered at first; places guessed at for each of them
+_RIVALS, _GUESSES = 16, 32  # rendered at first, a power of 2; places guessed at for each
 _CLIMBS = 4  # before half of them leave
 _TRIES, _TRIED_OF = 4, 4  # rendered of each climb; guessed at for each
 _STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
+
+
+def cost(problem: Problem, block: Block) -> int:
+    """Return the most maps that a challenge renders."""
+    climbs = _CLIMBS * _TRIES * (_RIVALS - 1)  # half of the rivals, a quarter, ..., one
+    return (_RIVALS + climbs) * len(block.sensors) * problem.models
 
 
 def challenge(problem: Problem, x: Floats, block: Block) -> Script:
