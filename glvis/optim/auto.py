@@ -9,7 +9,7 @@ The constants were chosen on a kitchen with two Kinects (8,000 maps, 6 to 8 seed
 reported) whose hidden faces came from a table of rays, to save time. Share of the faces seen:
 54.5 % with uniform draws, 4 starts and refinement; 55.9 % with the best guess of 8 drawn from a
 range 1.5 times as wide; on other seeds, 57.0 % with 16 starts and rivals in every round. About 35
-variants were tried there; the spread over seeds was 1 to 1.5 %, so late choices are weakly supported.
+variants were tried there. Seeds spread by 1 to 1.5 %, so the late choices stand on little.
 """
 
 from __future__ import annotations
