@@ -63,7 +63,7 @@ PICTURES = (
 
 DIFFERENCES = """\
 - **Other meshes.** The paper's six scanned arms and its reduction of the BlenSor kitchen are not
-  public. Ours are made from formulas (see [scenes](../scenes/README.md)): about as many faces, but
+  public. Ours are made from formulas (see [scenes](README.md)): about as many faces, but
   other bodies and other furniture. Percentages of different meshes cannot be compared closely: the
   fingers are complete here and were cut in the paper, and of a kitchen's faces a part looks at the
   floor or into a corner where no sensor can be. "Reachable" says how much some allowed pose sees.
@@ -76,7 +76,7 @@ DIFFERENCES = """\
 - **The objective.** The paper minimises 1/OF3, glvis maximises OF3: the same order. Its three terms
   count faces here and are divided by the number of faces, so that every model weighs alike.
 - **The bounds.** The paper calls them plausible and does not print them; those in
-  [arm.toml](../scenes/arm.toml) are ours. The rings have the 300 mm of Table 8, not the 250 mm of
+  [arm.toml](arm.toml) are ours. The rings have the 300 mm of Table 8, not the 250 mm of
   the text.
 - **The kitchen's sensors** may stand anywhere in the room here, as the paper has it, also inside a
   cupboard: such a place sees little, and the search leaves it.
