@@ -77,7 +77,7 @@ ARROWS = {
     "sheet": "coloring places",
     "plots": "palette",
     "seriesplots": "palette plots",
-    "stage": "camera coloring framing glyphs palette sensor shading study visibility",
+    "stage": "camera coloring context framing glyphs palette sensor shading study visibility",
     "scenesheets": "camera coloring framing places sheet stage",
     "sensorsheets": "coloring palette places scenesheets sheet stage",
     "pictures": "coloring plots scenesheets sensorsheets sheet stage study visibility",

@@ -24,10 +24,8 @@ def perspective_sheet(
     direction: tuple[float, float] | None = None,
 ) -> Sheet:
     """Return the scene with its sensors and their frusta, large."""
-    sheet, box = _prepared(stage, painted, size)
-    view = _directed(stage.views()["perspective"], direction)
-    _panel(sheet, box, stage, view, with_rig=True, with_frusta=True)
-    return sheet
+    view = _directed(stage, direction)
+    return _laid_out(stage, painted, size, [view], (1,), with_frusta=True)
 
 
 def sides_sheet(
@@ -37,13 +35,9 @@ def sides_sheet(
     direction: tuple[float, float] | None = None,
 ) -> Sheet:
     """Return the scene with its sensors from top, front and side, and the model from behind."""
-    sheet, box = _prepared(stage, painted, size)
-    views = stage.views()
-    far_side = stage.other_side(_directed(views["perspective"], direction))
+    views, far_side = stage.views(), stage.other_side(_directed(stage, direction))
     wanted = [*(views[k] for k in ("top", "front", "side")), far_side]
-    for cell, view in zip(_cells(sheet, box, stage, wanted, (1, 2, 4)), wanted, strict=True):
-        _panel(sheet, cell, stage, view, with_rig=view.is_parallel)
-    return sheet
+    return _laid_out(stage, painted, size, wanted, (1, 2, 4))
 
 
 def close_sheet(
@@ -53,13 +47,10 @@ def close_sheet(
     direction: tuple[float, float] | None = None,
 ) -> Sheet:
     """Return the model alone, filling the picture, from the two sides that show most of it."""
-    sheet, box = _prepared(stage, painted, size)
-    first = _directed(stage.views()["perspective"], direction)
-    views = [first, stage.other_side(first)]
+    first = _directed(stage, direction)
     relief = _HEAT_RELIEF if painted.bar else 1.0
-    for cell, view in zip(_cells(sheet, box, stage, views, (1, 2)), views, strict=True):
-        _panel(sheet, cell, stage, view, relief=relief)
-    return sheet
+    views = [first, stage.other_side(first)]
+    return _laid_out(stage, painted, size, views, (1, 2), relief=relief)
 
 
 def neutral_rows(stage: Stage) -> list[Swatch]:
@@ -90,9 +81,27 @@ def _prepared(stage: Stage, painted: Coloring, size: tuple[int, int]) -> tuple[S
     return sheet, Box(margin, top, column.x - gap - margin, size[1] - top - margin)
 
 
-def _directed(view: View, direction: tuple[float, float] | None) -> View:
-    """Return the view from another direction, if one is wanted."""
+def _directed(stage: Stage, direction: tuple[float, float] | None) -> View:
+    """Return the view in perspective, from another direction if one is wanted."""
+    view = stage.views()["perspective"]
     return view if direction is None else View(view.name, *direction, is_parallel=False)
+
+
+def _laid_out(
+    stage: Stage,
+    painted: Coloring,
+    size: tuple[int, int],
+    views: list[View],
+    columns: tuple[int, ...],
+    *,
+    with_frusta: bool = False,
+    relief: float = 1.0,
+) -> Sheet:
+    """Return a sheet of views in the best of the numbers of columns."""
+    sheet, box = _prepared(stage, painted, size)
+    for cell, view in zip(_cells(sheet, box, stage, views, columns), views, strict=True):
+        _panel(sheet, cell, stage, view, with_frusta=with_frusta, relief=relief)
+    return sheet
 
 
 def _panel(
@@ -101,11 +110,11 @@ def _panel(
     stage: Stage,
     view: View,
     *,
-    with_rig: bool = False,
-    with_frusta: bool = False,
-    relief: float = 1.0,
+    with_frusta: bool,
+    relief: float,
 ) -> None:
     """Draw the scene into a framed box, and under it axes, direction of view and scale bar."""
+    with_rig = with_frusta or view.is_parallel
     frame = _without_strip(sheet, box)
     strip = box.height - frame.height
     eye = stage.eye(view, frame.size, with_rig=with_rig)

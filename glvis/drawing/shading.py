@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.camera import rigid_inverse
 from glvis.drawing.framing import Eye
 from glvis.errors import MachineError
-from glvis.sight.context import gl_context, unbind_framebuffer
+from glvis.sight.context import Held, gl_context, unbind_framebuffer
 from glvis.sight.glsl import shader_source
 
 Floats = NDArray[np.float64]
@@ -100,7 +100,7 @@ class Solid:
             part.release()
 
 
-class Canvas:
+class Canvas(Held):
     """Framebuffers of one size and the draws into them; a context manager.
 
     Parameters
@@ -131,12 +131,6 @@ class Canvas:
         self._overlay = context.framebuffer([self._over], self._depth)
         self._develop = context.framebuffer([self._picture])
         self._screen = context.vertex_array(_program("develop"), [])
-
-    def __enter__(self) -> Canvas:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.release()
 
     def release(self) -> None:
         """Give the GPU's memory back."""

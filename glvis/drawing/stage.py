@@ -18,6 +18,7 @@ from glvis.drawing.glyphs import sensor_bodies, sensor_lines
 from glvis.drawing.palette import OBSTACLE_COLOR, sensor_colors
 from glvis.drawing.shading import Canvas, Lines, Solid
 from glvis.inputs.study import Study
+from glvis.sight.context import Held
 from glvis.sight.visibility import VisibilityMap
 
 Floats = NDArray[np.float64]
@@ -32,7 +33,7 @@ _STANDS = 0.02  # share of the area that lacks an underside where things stand o
 _OPPOSITE = 0.25  # cosine below which the first view shows a face too obliquely to judge it
 
 
-class Stage:
+class Stage(Held):
     """One model at a time among obstacles and sensors; a context manager.
 
     Parameters
@@ -60,12 +61,6 @@ class Stage:
         self._bodies.paint(colors)
         self._model: Solid | None = None
         self._canvases: dict[tuple[int, int], Canvas] = {}
-
-    def __enter__(self) -> Stage:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.release()
 
     def release(self) -> None:
         """Give the GPU's memory back."""

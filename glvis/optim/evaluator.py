@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glvis.inputs.study import Study
-from glvis.sight.context import GlInfo
+from glvis.sight.context import GlInfo, Held
 from glvis.sight.maps import Bits, LocalMaps, MapJob, MapMaker, MapScene
 from glvis.sight.visibility import VisibilityMap
 
@@ -30,7 +30,7 @@ _JOB_BYTES, _JOB_MAPS = 8 << 20, 128  # of maps made at once, one byte a face
 _KEY_BYTES = 16
 
 
-class Evaluator:
+class Evaluator(Held):
     """Renders the sensors of positions on every model; a context manager.
 
     Parameters
@@ -82,12 +82,6 @@ class Evaluator:
         self._pose_bytes = int(self._begin[-1])
         self.most_poses = min(_MOST_POSES, cache_bytes // (self._pose_bytes + _ENTRY_BYTES))
         self._cache = _PoseCache(self.most_poses)
-
-    def __enter__(self) -> Evaluator:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.release()
 
     def release(self) -> None:
         """Give back the GPU's memory, or other processes."""

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -127,23 +127,8 @@ def evaluate_poses(
     if poses.shape != expected or not np.isfinite(poses).all():
         raise ValueError(f"poses must be finite and of shape {expected}, got {poses.shape}")
     with _evaluator(study) as evaluator:
-        maps, by_model, value = _seen(evaluator, poses)
-        return Placement(
-            study=study,
-            position=x,
-            camera_to_world=poses,
-            maps=maps,
-            value=value,
-            values_by_model=by_model,
-            start_value=value,
-            trace=(),
-            stop_reason=ONLY_EVALUATED,
-            seed=study.swarm.seed,
-            seconds=time.monotonic() - started,
-            evaluations=1,
-            maps_rendered=evaluator.maps_rendered,
-            gl=evaluator.gl,
-        )
+        placement = _evaluated(evaluator, x, poses)
+        return replace(placement, seconds=time.monotonic() - started)
 
 
 def place_sensors(
@@ -225,26 +210,17 @@ def place_sensors(
             if interrupted:
                 raise
             run.search.stop(f"{INTERRUPTED}: Ctrl-C")
-        x, poses = run.best_position, study.rig.poses(run.best_position)
-        counted = run.evaluations, evaluator.maps_rendered
-        maps, by_model, value = _seen(evaluator, poses)
-        reach = sampled_reach(evaluator, maps, counted[1], interrupted) if with_reach else None
-        return Placement(
-            study=study,
-            position=x,
-            camera_to_world=poses,
-            maps=maps,
-            value=value,
-            values_by_model=by_model,
+        spent, x = evaluator.maps_rendered, run.best_position
+        best = _evaluated(evaluator, x, study.rig.poses(x))
+        reach = sampled_reach(evaluator, best.maps, spent, interrupted) if with_reach else None
+        return replace(
+            best,
             start_value=run.start_value,
             trace=tuple(run.trace),
             stop_reason=run.search.stop_reason or "",
-            seed=study.swarm.seed,
             seconds=run.seconds(),
-            evaluations=counted[0],
-            maps_rendered=counted[1],
-            gl=evaluator.gl,
-            workers=evaluator.workers,
+            evaluations=run.evaluations,
+            maps_rendered=spent,
             warnings=tuple(run.warnings),
             reach=reach,
         )
@@ -260,8 +236,8 @@ def _evaluator(study: Study, workers: int = 1, cluster: str | None = None) -> Ev
         return Evaluator(study)
 
 
-def _seen(evaluator: Evaluator, poses: Floats) -> tuple[tuple[VisibilityMap, ...], Floats, float]:
-    """Return maps, values by model (M,) and the value of one set of poses (S, 4, 4)."""
+def _evaluated(evaluator: Evaluator, position: Floats, poses: Floats) -> Placement:
+    """Return what one set of poses (S, 4, 4) sees, as if nothing had been searched."""
     study = evaluator.study
     maps = tuple(evaluator.visibility_of_poses(poses))
     by_model = np.array(
@@ -270,7 +246,24 @@ def _seen(evaluator: Evaluator, poses: Floats) -> tuple[tuple[VisibilityMap, ...
             for found, model in zip(maps, study.models, strict=True)
         ]
     )
-    return maps, by_model, float(study.objective.aggregated(by_model))
+    value = float(study.objective.aggregated(by_model))
+    return Placement(
+        study=study,
+        position=position,
+        camera_to_world=poses,
+        maps=maps,
+        value=value,
+        values_by_model=by_model,
+        start_value=value,
+        trace=(),
+        stop_reason=ONLY_EVALUATED,
+        seed=study.swarm.seed,
+        seconds=0.0,
+        evaluations=1,
+        maps_rendered=evaluator.maps_rendered,
+        gl=evaluator.gl,
+        workers=evaluator.workers,
+    )
 
 
 @contextmanager

@@ -10,11 +10,12 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Self
 
 import glcontext
 import moderngl
@@ -95,6 +96,20 @@ def rasterising_in_this_thread() -> Iterator[None]:
     finally:
         if not is_set:
             del os.environ[name]
+
+
+class Held(ABC):
+    """What holds memory of the GPU, or processes, until the end of a ``with``."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.release()
+
+    @abstractmethod
+    def release(self) -> None:
+        """Give back what is held."""
 
 
 def unbind_framebuffer() -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from glvis.camera import projection_matrix, rigid_inverse
 from glvis.errors import MachineError
-from glvis.sight.context import gl_context, gl_info, unbind_framebuffer
+from glvis.sight.context import Held, gl_context, gl_info, unbind_framebuffer
 from glvis.sight.surface import Surface, compiled
 
 Floats = NDArray[np.float64]
@@ -151,7 +151,7 @@ class Selection:
         self.surface.draw(program, self.mask[view], self.by_face)
 
 
-class Renderer:
+class Renderer(Held):
     """Framebuffers of one resolution and the two draws into them; a context manager.
 
     Parameters
@@ -187,12 +187,6 @@ class Renderer:
         self._window = (0, 0, *size)
         self._ids = np.zeros((self.tiles, height, width), dtype=np.uint32)
         self._depths = np.zeros((self.tiles, height, width), dtype=np.float32)
-
-    def __enter__(self) -> Renderer:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.release()
 
     def release(self) -> None:
         """Give the GPU's memory back."""
