@@ -1,7 +1,7 @@
 """A small scene for pictures: a torus, a pad beneath it, three cameras around."""
 
 import numpy as np
-from shapes import cube, moved, torus
+from shapes import cube, moved, torus, write_off
 
 from glvis.inputs.study import Study, load_study
 
@@ -34,14 +34,6 @@ position = [40, 290, 200]
 direction = [-40, -290, -190]
 roll_deg = 20
 """
-
-
-def write_off(path, shape):
-    vertices, faces = shape
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
-    lines += [" ".join(map(repr, map(float, v))) for v in vertices]
-    lines += [f"3 {a} {b} {c}" for a, b, c in faces]
-    path.write_text("\n".join(lines) + "\n")
 
 
 def ring_study(folder, text=STUDY) -> Study:

@@ -5,6 +5,8 @@ Closed shapes wind outward. Sizes are full widths unless a name says radius.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 Shape = tuple[np.ndarray, np.ndarray]
@@ -12,6 +14,16 @@ Shape = tuple[np.ndarray, np.ndarray]
 
 def _shape(vertices, faces) -> Shape:
     return np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.int32)
+
+
+def write_off(path: Path, shape: Shape) -> Path:
+    """Write a shape as OFF text, exact to the last bit."""
+    vertices, faces = shape
+    rows = [f"OFF\n{len(vertices)} {len(faces)} 0"]
+    rows += [" ".join(map(repr, row)) for row in np.asarray(vertices, dtype=float).tolist()]
+    rows += [f"3 {a} {b} {c}" for a, b, c in np.asarray(faces).tolist()]
+    path.write_text("\n".join(rows) + "\n")
+    return path
 
 
 def corners(shape: Shape) -> np.ndarray:

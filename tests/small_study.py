@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from shapes import Shape, blob, cube, icosphere, torus
+from shapes import blob, cube, icosphere, torus, write_off
 
 # One free sensor that circles a dented ball at its own height, one that only turns.
 SMALL = """
@@ -52,22 +52,12 @@ initial = "uniform"
 """
 
 
-def write_shape(path: Path, shape: Shape) -> Path:
-    """Write a shape as OFF text, exact to the last bit."""
-    vertices, faces = shape
-    rows = [f"OFF\n{len(vertices)} {len(faces)} 0"]
-    rows += [" ".join(map(repr, row)) for row in vertices.tolist()]
-    rows += [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]
-    path.write_text("\n".join(rows) + "\n")
-    return path
-
-
 def write_small_study(folder: Path, rng, text: str = SMALL) -> Path:
     """Write the small study and its meshes into a folder; return the study's path."""
-    write_shape(folder / "ball.off", blob(rng, subdivisions=2))
-    write_shape(folder / "ring.off", torus(nu=16, nv=8))
-    write_shape(folder / "post.off", cube(0.4, center=(0, -2, 0.5)))
-    write_shape(folder / "tiny.off", icosphere(1))
+    write_off(folder / "ball.off", blob(rng, subdivisions=2))
+    write_off(folder / "ring.off", torus(nu=16, nv=8))
+    write_off(folder / "post.off", cube(0.4, center=(0, -2, 0.5)))
+    write_off(folder / "tiny.off", icosphere(1))
     path = folder / "small.toml"
     path.write_text(text)
     return path

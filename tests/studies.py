@@ -40,18 +40,10 @@ iterations = 2
 """
 
 
-def write_off(path: Path, shape: shapes.Shape) -> None:
-    vertices, faces = shape
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
-    lines += [" ".join(map(repr, map(float, v))) for v in vertices]
-    lines += [f"3 {a} {b} {c}" for a, b, c in faces]
-    path.write_text("\n".join(lines) + "\n")
-
-
 def write_small_study(folder: Path, text: str = SMALL) -> Path:
     """Write the study and its meshes into a folder; return the study's path."""
-    write_off(folder / "cube.off", shapes.cube(1.0))
-    write_off(folder / "small.off", shapes.cube(0.5, center=(0.1, 0, 0)))
+    shapes.write_off(folder / "cube.off", shapes.cube(1.0))
+    shapes.write_off(folder / "small.off", shapes.cube(0.5, center=(0.1, 0, 0)))
     path = folder / "study.toml"
     path.write_text(text)
     return path

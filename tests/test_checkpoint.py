@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from same import assert_same_placements
 from small_study import SMALL, write_small_study
 
 import glvis
@@ -39,16 +40,6 @@ def break_after(iteration):
     return on_iteration
 
 
-def assert_same(one, other):
-    """Check that two placements differ in nothing but times."""
-    assert np.array_equal(one.position, other.position)
-    for name in ("value", "start_value", "stop_reason", "evaluations", "maps_rendered", "seed"):
-        assert getattr(one, name) == getattr(other, name)
-    assert [row[:-1] for row in one.trace] == [row[:-1] for row in other.trace]
-    for first, second in zip(one.maps, other.maps, strict=True):
-        assert np.array_equal(first.visible, second.visible)
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_one(
     study, path, workers
@@ -63,7 +54,7 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
                 on_iteration=break_after(iteration),
             )
     resumed = place_sensors(study, workers=workers, checkpoint=path, resume=True)
-    assert_same(resumed, unbroken)
+    assert_same_placements(resumed, unbroken)
     assert resumed.warnings == ()
     seconds = [row.seconds for row in resumed.trace]
     assert seconds == sorted(seconds) and resumed.seconds >= seconds[-1]
@@ -71,7 +62,7 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
 
 def test_finished_search_is_told_again(study, path):
     first = place_sensors(study, checkpoint=path)
-    assert_same(place_sensors(study, checkpoint=path, resume=True), first)
+    assert_same_placements(place_sensors(study, checkpoint=path, resume=True), first)
 
 
 def test_interrupted_search_goes_on(study, path):
@@ -80,7 +71,7 @@ def test_interrupted_search_goes_on(study, path):
 
     first = place_sensors(study, checkpoint=path, on_iteration=interrupt)
     assert first.stop_reason == "interrupted: SIGTERM" and len(first.trace) == 1
-    assert_same(place_sensors(study, checkpoint=path, resume=True), place_sensors(study))
+    assert_same_placements(place_sensors(study, checkpoint=path, resume=True), place_sensors(study))
 
 
 def test_search_killed_at_any_moment_goes_on(study, path):
@@ -107,7 +98,7 @@ def test_search_killed_at_any_moment_goes_on(study, path):
         )
         assert done.returncode == -signal.SIGKILL
     assert len(read_checkpoint(path, study).run["trace"]) == 1 + 2
-    assert_same(place_sensors(study, checkpoint=path, resume=True), place_sensors(study))
+    assert_same_placements(place_sensors(study, checkpoint=path, resume=True), place_sensors(study))
 
 
 def test_extension_adds_iterations_to_what_was_done(study, path):
@@ -172,7 +163,7 @@ def test_title_comments_and_folder_may_change(study, path, tmp_path):
     text = "# looked at again\n" + SMALL.replace('title = "Small"', 'title = "Other"')
     (moved / "small.toml").write_text(text)
     resumed = place_sensors(load_study(moved / "small.toml"), checkpoint=path, resume=True)
-    assert_same(resumed, unbroken)
+    assert_same_placements(resumed, unbroken)
 
 
 def test_missing_checkpoint_is_named(study, path):
@@ -218,7 +209,7 @@ def test_checkpoint_that_cannot_be_written_later_is_a_warning(study, path):
             path.with_name("checkpoint.npz.part").mkdir()
 
     placement = place_sensors(study, checkpoint=path, on_iteration=block)
-    assert_same(placement, place_sensors(study))
+    assert_same_placements(placement, place_sensors(study))
     assert placement.warnings == (f"{path}: cannot be written: Is a directory",)
 
 

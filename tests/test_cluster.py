@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
+from same import assert_same_maps, assert_same_placements, some_jobs
 from small_study import write_small_study
 
 import glvis
@@ -22,7 +22,7 @@ from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
 from glvis.optim.cluster import ClusterMaps
 from glvis.optim.placement import place_sensors
-from glvis.sight.maps import LocalMaps, MapJob, MapScene
+from glvis.sight.maps import MapJob, MapScene
 
 distributed = pytest.importorskip("distributed", reason="glvis[cluster] is not installed")
 
@@ -124,28 +124,7 @@ def study(tmp_path, rng):
 
 @pytest.fixture
 def jobs(study, rng):
-    """Jobs of different size on both models by both sensors."""
-    low, high = study.rig.bounds.T
-    poses = study.rig.poses(rng.uniform(low, high, size=(60, len(low))))
-    return [MapJob(m, s, poses[: 37 + 20 * s, s]) for m in (0, 1) for s in (0, 1)]
-
-
-def assert_same_maps(made, study, jobs):
-    local = LocalMaps(MapScene.of(study))
-    expected = list(local.make(jobs))
-    local.release()
-    for one, other in zip(made, expected, strict=True):
-        assert np.array_equal(one, other) and one.any()
-
-
-def assert_same(one, other):
-    """Check that two placements differ in nothing but times and who rendered."""
-    assert np.array_equal(one.position, other.position)
-    for name in ("value", "start_value", "stop_reason", "evaluations", "maps_rendered", "gl"):
-        assert getattr(one, name) == getattr(other, name)
-    assert [row[:-1] for row in one.trace] == [row[:-1] for row in other.trace]
-    for first, second in zip(one.maps, other.maps, strict=True):
-        assert np.array_equal(first.visible, second.visible)
+    return some_jobs(study, rng, least=37)
 
 
 def lost(name):
@@ -201,7 +180,7 @@ def test_search_on_a_cluster_that_loses_a_worker_ends_as_on_one_machine(dask, st
 
     alone = place_sensors(study)
     together = place_sensors(study, cluster=dask.address, on_iteration=kill)
-    assert_same(alone, together)
+    assert_same_placements(alone, together)
     assert together.warnings == (lost("ann"),) and together.workers == 2
     assert seen[0] == ["ann", "bob"] and seen[-1] == ["bob"]
 
@@ -300,7 +279,7 @@ def test_without_workers_the_search_ends_and_can_go_on(dask, study, tmp_path, mo
     monkeypatch.undo()
     dask.have("bob")
     resumed = place_sensors(study, cluster=dask.address, checkpoint=path, resume=True)
-    assert_same(place_sensors(study), resumed)
+    assert_same_placements(place_sensors(study), resumed)
 
 
 def test_interrupted_search_comes_back_with_its_best(dask, study):

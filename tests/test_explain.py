@@ -7,7 +7,7 @@ import numpy as np
 import oracle
 import pytest
 import shapes
-from studies import SMALL, write_off, write_small_study
+from studies import SMALL, write_small_study
 
 from glvis.inputs.scene import Model
 from glvis.inputs.study import load_study
@@ -119,8 +119,8 @@ def ball(tmp_path_factory):
     """A ball of radius 3 before two eyes, a plate between it and one of them."""
     folder = tmp_path_factory.mktemp("ball")
     vertices, faces = shapes.icosphere(4, 3.0)
-    write_off(folder / "ball.off", (vertices, faces))
-    write_off(folder / "plate.off", shapes.plate(1.0, center=(0, 0, 8)))
+    shapes.write_off(folder / "ball.off", (vertices, faces))
+    shapes.write_off(folder / "plate.off", shapes.plate(1.0, center=(0, 0, 8)))
     (folder / "study.toml").write_text(SPHERE)
     return evaluate_poses(load_study(folder / "study.toml"))
 
@@ -165,7 +165,7 @@ def test_faces_between_the_pixels_are_told_apart_from_hidden_ones(ball):
 def test_face_without_area_has_no_other_reason(tmp_path):
     path = write_small_study(tmp_path)
     vertices, faces = shapes.cube(1.0)
-    write_off(tmp_path / "cube.off", (vertices, np.vstack([faces, [0, 0, 1]])))
+    shapes.write_off(tmp_path / "cube.off", (vertices, np.vstack([faces, [0, 0, 1]])))
     found = unseen_reasons(evaluate_poses(load_study(path)))[0]
     assert REASONS[found[-1]] == "no area"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from small_study import SMALL, write_shape, write_small_study
+from small_study import SMALL, write_small_study
 
 from glvis.cli import main
 from glvis.inputs.study import load_study
@@ -22,14 +22,21 @@ from glvis.outputs.within_reach import reach_rows
 
 MANY = 10**9  # maps
 
+
+def eye(field_deg, pixels, far):
+    """Return the table of a sensor with a square field of view."""
+    return f"""
+[sensor.eye]
+hfov_deg = {field_deg}
+vfov_deg = {field_deg}
+resolution = [{pixels}, {pixels}]
+max_distance = {far}
+"""
+
+
 RING = """
 [scene]
 models = ["ball.off"]
-[sensor.eye]
-hfov_deg = 90
-vfov_deg = 90
-resolution = [256, 256]
-max_distance = 10
 [[mount]]
 name = "A"
 sensor = "eye"
@@ -37,17 +44,12 @@ ring = { axis = "z", radius = 2, angle_deg = { min = 0, max = 360, periodic = tr
 aim = [0, 0, 0]
 [objective]
 kind = "of1"
-"""
+""" + eye(90, 256, 10)
 
 BOX = """
 [scene]
 models = ["box.off"]
 obstacles = ["wall.off"]
-[sensor.eye]
-hfov_deg = 120
-vfov_deg = 120
-resolution = [128, 128]
-max_distance = 50
 [[mount]]
 name = "A"
 sensor = "eye"
@@ -61,7 +63,7 @@ aim = [0, 0, 0.5]
 [swarm]
 particles = 100
 iterations = 2
-"""
+""" + eye(120, 128, 50)
 
 
 @pytest.fixture
@@ -72,8 +74,8 @@ def study(tmp_path, rng):
 @pytest.fixture
 def box(tmp_path) -> Path:
     """A box on the floor, far behind it a wall that only hides."""
-    write_shape(tmp_path / "box.off", shapes.cube(1.0, center=(0, 0, 0.5)))
-    write_shape(tmp_path / "wall.off", shapes.cube(1.0, center=(0, 20, 0.5)))
+    shapes.write_off(tmp_path / "box.off", shapes.cube(1.0, center=(0, 0, 0.5)))
+    shapes.write_off(tmp_path / "wall.off", shapes.cube(1.0, center=(0, 20, 0.5)))
     (tmp_path / "box.toml").write_text(BOX)
     return tmp_path / "box.toml"
 
@@ -88,7 +90,7 @@ def reach_of(study, most_maps=MANY):
 def test_a_ring_reaches_the_band_of_a_ball_that_its_tangents_enclose(
     tmp_path, subdivisions, allowed
 ):
-    write_shape(tmp_path / "ball.off", shapes.icosphere(subdivisions))
+    shapes.write_off(tmp_path / "ball.off", shapes.icosphere(subdivisions))
     (tmp_path / "ring.toml").write_text(RING)
     study = load_study(tmp_path / "ring.toml")
     reach = reach_of(study)

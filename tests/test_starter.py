@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapes
-from studies import write_off
 
 from glvis.cli import main
 from glvis.errors import StudyError
@@ -42,7 +41,8 @@ def test_an_arm_is_made_where_nothing_is_asked_for(tmp_path):
     [("mm", 1e-3), ("mm", 60), ("mm", 300), ("mm", 900), ("cm", 6), ("in", 2.5), ("ft", 1e5)],
 )
 def test_study_of_a_ball_of_any_size_sees_it_from_all_sides(tmp_path, unit, radius):
-    write_off(tmp_path / "ball.off", shapes.icosphere(2, radius, center=(3 * radius, 0, radius)))
+    ball = shapes.icosphere(2, radius, center=(3 * radius, 0, radius))
+    shapes.write_off(tmp_path / "ball.off", ball)
     path = write_starter(tmp_path, [tmp_path / "ball.off"], unit=unit, sensors=4)
     study = load_study(path)
     assert study.unit == unit
@@ -58,7 +58,7 @@ def test_study_of_a_ball_of_any_size_sees_it_from_all_sides(tmp_path, unit, radi
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 @pytest.mark.parametrize("sensors", [1, 2, 7])
 def test_sensors_stand_about_the_axis_that_is_up(tmp_path, up, sensors):
-    write_off(tmp_path / "part.off", shapes.cube(100.0, center=(10, 20, 30)))
+    shapes.write_off(tmp_path / "part.off", shapes.cube(100.0, center=(10, 20, 30)))
     study = load_study(write_starter(tmp_path, [tmp_path / "part.off"], up=up, sensors=sensors))
     assert len(study.sensors) == sensors
     assert study.up["xyz".index(up)] == 1
@@ -72,7 +72,7 @@ def test_sensors_stand_about_the_axis_that_is_up(tmp_path, up, sensors):
 
 
 def test_a_flat_part_has_nothing_to_aim_along(tmp_path):
-    write_off(tmp_path / "plate.off", shapes.plate(100.0, cells=(4, 4)))
+    shapes.write_off(tmp_path / "plate.off", shapes.plate(100.0, cells=(4, 4)))
     study = load_study(write_starter(tmp_path, [tmp_path / "plate.off"]))
     assert not any("aim" in variable.name for variable in study.variables)
 
@@ -97,7 +97,7 @@ def test_sensor_has_the_whole_part_in_view_and_range(radius, unit, name):
 def test_meshes_are_named_from_the_study(tmp_path):
     for folder in ("parts", "far/away"):
         (tmp_path / folder).mkdir(parents=True)
-        write_off(tmp_path / folder / "cube.off", shapes.cube(100.0))
+        shapes.write_off(tmp_path / folder / "cube.off", shapes.cube(100.0))
     near = write_starter(tmp_path / "study", [tmp_path / "parts" / "cube.off"])
     assert tomllib.loads(near.read_text())["scene"]["models"] == ["../parts/cube.off"]
     (tmp_path / "a" / "b").mkdir(parents=True)
@@ -110,8 +110,8 @@ def test_meshes_are_named_from_the_study(tmp_path):
 
 
 def test_several_models_are_all_in_range(tmp_path):
-    write_off(tmp_path / "a.off", shapes.cube(100.0))
-    write_off(tmp_path / "b.off", shapes.cube(40.0, center=(30, 0, 0)))
+    shapes.write_off(tmp_path / "a.off", shapes.cube(100.0))
+    shapes.write_off(tmp_path / "b.off", shapes.cube(40.0, center=(30, 0, 0)))
     study = load_study(write_starter(tmp_path, [tmp_path / "a.off", tmp_path / "b.off"]))
     assert [model.name for model in study.models] == ["a", "b"]
     assert study_warnings(study) == []

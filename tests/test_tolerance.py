@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapes
-from studies import SMALL, write_off, write_small_study
+from studies import SMALL, write_small_study
 
 from glvis.camera import camera_to_world
 from glvis.errors import StudyError
@@ -55,7 +55,7 @@ direction = [0, 0, -1]
 @pytest.fixture(scope="module")
 def wall(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wall")
-    write_off(folder / "wall.off", shapes.plate(40.0, 20.0, cells=(80, 40)))
+    shapes.write_off(folder / "wall.off", shapes.plate(40.0, 20.0, cells=(80, 40)))
     (folder / "study.toml").write_text(WALL)
     return evaluate_poses(load_study(folder / "study.toml"))
 

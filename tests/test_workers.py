@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from same import assert_same_maps, some_jobs
 from small_study import write_small_study
 
 import glvis.optim.workers
@@ -17,7 +18,7 @@ from glvis.inputs.study import load_study
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.placement import place_sensors
 from glvis.optim.workers import Workers, available_cores
-from glvis.sight.maps import LocalMaps, MapJob, MapScene
+from glvis.sight.maps import MapJob, MapScene
 
 
 @pytest.fixture
@@ -31,18 +32,9 @@ def positions(study, rng):
     return rng.uniform(low, high, size=(40, len(low)))
 
 
-def some_jobs(study, positions):
-    """Return jobs of different size on both models by both sensors."""
-    poses = study.rig.poses(positions)
-    return [MapJob(m, s, poses[: 17 + 20 * s, s]) for m in (0, 1) for s in (0, 1)]
-
-
-def assert_same_maps(made, study, jobs):
-    local = LocalMaps(MapScene.of(study))
-    expected = list(local.make(jobs))
-    local.release()
-    for one, other in zip(made, expected, strict=True):
-        assert np.array_equal(one, other) and one.any()
+@pytest.fixture
+def jobs(study, rng):
+    return some_jobs(study, rng)
 
 
 def processes(workers):
@@ -50,8 +42,7 @@ def processes(workers):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_workers_make_the_maps_that_this_process_makes(study, positions, n):
-    jobs = some_jobs(study, positions)
+def test_workers_make_the_maps_that_this_process_makes(study, jobs, n):
     workers = Workers(MapScene.of(study), n)
     made = list(workers.make(jobs))
     crew = processes(workers)
@@ -94,8 +85,7 @@ def killed(process):
     process.wait(60)
 
 
-def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, positions):
-    jobs = some_jobs(study, positions)
+def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, jobs):
     workers = Workers(MapScene.of(study), 2)
     made = []
     for bits in workers.make(jobs):
@@ -111,8 +101,7 @@ def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, positions)
     ]
 
 
-def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, positions):
-    jobs = some_jobs(study, positions)
+def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, jobs):
     workers = Workers(MapScene.of(study), 2, patience=1.0)
     while not all(worker.is_ready for worker in workers._crew):
         workers._listen(glvis.optim.workers._Call())
@@ -143,7 +132,7 @@ def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
     assert [row[:-1] for row in alone.trace] == [row[:-1] for row in together.trace]
 
 
-def test_maps_that_kill_every_worker_end_the_run(study, positions, monkeypatch):
+def test_maps_that_kill_every_worker_end_the_run(study, jobs, monkeypatch):
     give = glvis.optim.workers._Worker.give
 
     def deadly(self, tag, job):
@@ -153,7 +142,7 @@ def test_maps_that_kill_every_worker_end_the_run(study, positions, monkeypatch):
     monkeypatch.setattr(glvis.optim.workers._Worker, "give", deadly)
     workers = Workers(MapScene.of(study), 1)
     with pytest.raises(MachineError, match=r"worker 1 died \(SIGKILL\), as others before over the"):
-        list(workers.make(some_jobs(study, positions)[:1]))
+        list(workers.make(jobs[:1]))
     workers.release()
 
 
@@ -183,8 +172,7 @@ def test_fewer_than_one_worker_is_refused(study):
         place_sensors(study, workers=0)
 
 
-def test_maps_that_nobody_waits_for_any_more_are_forgotten(study, positions):
-    jobs = some_jobs(study, positions)
+def test_maps_that_nobody_waits_for_any_more_are_forgotten(study, jobs):
     workers = Workers(MapScene.of(study), 2)
     abandoned = workers.make(jobs[::-1])
     next(abandoned)
