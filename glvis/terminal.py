@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -79,7 +80,7 @@ class _Lines:
 
     def __call__(self, progress: Progress) -> None:
         now = self._clock()
-        if now >= self._next or progress.iteration == progress.iterations:
+        if now >= self._next or progress.has_ended:
             self._next = now + _SECONDS_BETWEEN_LINES
             say(_progress_line(progress), error=self._stream is sys.stderr)
 
@@ -93,8 +94,8 @@ def _bar() -> Iterator[Callable[[Progress], None]]:
         def show(progress: Progress) -> None:
             bar.update(
                 task,
-                total=progress.iterations,
-                completed=progress.iteration,
+                total=progress.most,
+                completed=progress.done,
                 description=_progress_line(progress),
             )
 
@@ -102,15 +103,21 @@ def _bar() -> Iterator[Callable[[Progress], None]]:
 
 
 def _progress_line(progress: Progress) -> str:
-    return f"iteration {progress.iteration}/{progress.iterations}  {_numbers(progress)}"
-
-
-def _numbers(progress: Progress) -> str:
+    left = progress.seconds_left
     return (
-        f"best {progress.best:.6g}  mean {progress.mean:.6g}  "
+        f"{_done(progress)}  best {progress.best:.6g}  mean {progress.mean:.6g}  "
         f"{_rate(progress.evaluations_per_second)} evaluations/s  "
-        f"{duration(progress.seconds_left)} left{_who(progress.workers)}"
+        f"{duration(left) if math.isfinite(left) else '?'} left{_who(progress.workers)}"
     )
+
+
+def _done(progress: Progress) -> str:
+    """Return how far a search is towards what will end it."""
+    if progress.limit == "iterations":
+        return f"iteration {progress.done:.0f}/{progress.most:.0f}"
+    if progress.limit == "maps":
+        return f"{progress.done:,.0f} of {progress.most:,.0f} maps"
+    return f"{duration(progress.done)} of {duration(progress.most)}"
 
 
 def _who(workers: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 """The command line: from a file to a result folder, and what it says on the way."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -436,20 +437,31 @@ def test_a_terminal_gets_a_bar_that_goes_away(tmp_path, study):
 
 
 def progress(iteration: int) -> Progress:
-    return Progress(iteration, 100, 1.5, 0.25, 40, 8.0, 5.0, 130.0)
+    return Progress(iteration, "iterations", iteration, 100, 130.0, 1.5, 0.25, 40, 8.0)
 
 
 def test_lines_come_now_and_then_and_at_the_end(capsys):
     now = [0.0]
     show = _Lines(sys.stderr, clock=lambda: now[0])
-    for iteration in range(101):
+    for iteration in range(100):
         now[0] = iteration * 1.0
-        show(progress(iteration))
+        show(replace(progress(iteration), has_ended=iteration == 99))
     lines = capsys.readouterr().err.splitlines()
-    assert [line.split()[1] for line in lines] == [f"{i}/100" for i in range(0, 101, 5)]
+    assert [line.split()[1] for line in lines] == [f"{i}/100" for i in [*range(0, 100, 5), 99]]
     assert lines[0] == (
         "iteration 0/100  best 1.5  mean 0.25  8 evaluations/s  2 min 10 s left"
     )  # fmt: skip
+
+
+def test_line_tells_of_maps_or_time_where_they_end_the_search(capsys):
+    show = _Lines(sys.stderr)
+    show(replace(progress(7), limit="maps", done=12300, most=160000, has_ended=True))
+    show(replace(progress(7), limit="seconds", done=8.04, most=130, has_ended=True))
+    show(replace(progress(7), seconds_left=math.inf, has_ended=True))
+    maps, time, unknown = capsys.readouterr().err.splitlines()
+    assert maps.startswith("12,300 of 160,000 maps  best 1.5  mean 0.25  ")
+    assert time.startswith("8.0 s of 2 min 10 s  best 1.5  ")
+    assert unknown.endswith("  8 evaluations/s  ? left")
 
 
 def test_workers_elsewhere_are_named_the_first_of_many(capsys):

@@ -76,5 +76,9 @@ def test_time_is_shared_by_workers_and_ends_with_the_studys_own():
 
 def test_shortest_of_the_studys_times_counts(tmp_path):
     text = SMALL.replace("[swarm]", "[search]\nmethod = 'swarm'\nmax_seconds = 5\n[swarm]")
-    study = load_study(write_small_study(tmp_path, text + "max_seconds = 9\n"))
-    assert measured_cost(study, max_seconds=0.0).max_seconds == 5
+    path = write_small_study(tmp_path, text + "max_seconds = 9\n")
+    assert measured_cost(load_study(path), max_seconds=0.0).max_seconds == 5
+    shorter = ["swarm.max_seconds=3"]
+    assert measured_cost(load_study(path, shorter), max_seconds=0.0).max_seconds == 3
+    other = [*shorter, "search.method=refine"]  # which the swarm's table is not about
+    assert measured_cost(load_study(path, other), max_seconds=0.0).max_seconds == 5

@@ -56,7 +56,7 @@ def test_progress_is_told_after_each_iteration(study):
     told = []
     placement = place_sensors(study, on_iteration=told.append)
     assert [p.iteration for p in told] == [0, 1, 2, 3, 4]
-    assert {p.iterations for p in told} == {4}
+    assert {(p.limit, p.most) for p in told} == {("iterations", 4)}
     assert [p.best for p in told] == [row.best for row in placement.trace]
     assert [p.evaluations for p in told] == [6, 12, 18, 24, 30]
     assert told[-1].seconds_left == 0 < told[0].seconds_left

@@ -12,10 +12,10 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study
 from glvis.optim.evaluator import Evaluator
+from glvis.optim.search_options import MAPS
 from glvis.sight.context import GlInfo, rasterising_in_this_thread
 
 _MOST_SAMPLES = 12
-_MAPS_A_SENSOR_AND_MODEL = 4000  # that methods other than the swarm render, unless told
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,6 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
     rig = study.rig
     rng = np.random.default_rng(study.swarm.seed)
     low, high = rig.bounds.T
-    limits = (study.swarm.max_seconds, study.search.max_seconds)
     with rasterising_in_this_thread():
         evaluator = Evaluator(study, cache_bytes=0)
     with evaluator:
@@ -86,7 +85,7 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
             len(times),
             len(study.sensors) * len(study.models),
             run_maps(study),
-            min((limit for limit in limits if limit is not None), default=math.inf),
+            study.max_seconds or math.inf,
             evaluator.gl,
         )
 
@@ -100,7 +99,7 @@ def run_maps(study: Study) -> int:
     if study.search.method == "swarm":
         planned = swarm.particles * (swarm.iterations + 1) * maps
         return planned if most is None else min(most, planned)
-    return _MAPS_A_SENSOR_AND_MODEL * maps if most is None else most
+    return MAPS * maps if most is None else most
 
 
 def working_distance(sensor: Sensor) -> float:

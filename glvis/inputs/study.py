@@ -89,6 +89,13 @@ class Study:
         return self.rig.variables
 
     @property
+    def max_seconds(self) -> float | None:
+        """After how many seconds the search ends, if so."""
+        of_swarm = self.swarm.max_seconds if self.search.method == "swarm" else None
+        limits = [limit for limit in (self.search.max_seconds, of_swarm) if limit is not None]
+        return min(limits, default=None)
+
+    @property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the S sensors."""
         return self.rig.sensor_names

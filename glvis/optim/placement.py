@@ -21,8 +21,9 @@ from glvis.inputs.study import Study
 from glvis.optim.checkpoint import read_checkpoint
 from glvis.optim.cluster import ClusterMaps
 from glvis.optim.evaluator import Evaluator
+from glvis.optim.progress import Progress
 from glvis.optim.reach import Reach, sampled_reach
-from glvis.optim.run import Progress, Run
+from glvis.optim.run import Run
 from glvis.optim.search import TraceRow
 from glvis.optim.workers import Workers
 from glvis.sight.context import GlInfo, rasterising_in_this_thread

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -15,40 +17,14 @@ from glvis.errors import MachineError
 from glvis.inputs.study import Study
 from glvis.optim.checkpoint import Checkpoint, identity_of, write_checkpoint
 from glvis.optim.evaluator import Evaluator
+from glvis.optim.progress import Progress, Spent, first_limit
 from glvis.optim.search import TraceRow, new_search, search_from_state
 
 Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a search is.
-
-    Attributes
-    ----------
-    iteration, iterations : int
-        Done, and the most there can be.
-    best, mean : float
-        Largest value so far, mean of the last iteration.
-    evaluations : int
-        Since the start of the run.
-    evaluations_per_second : float
-        Since the start of this process's part of the run.
-    seconds, seconds_left : float
-        Of the run so far, and until ``iterations`` at this speed; a run may stall before.
-    workers : tuple of str
-        Names of those that render on other machines, at the moment.
-    """
-
-    iteration: int
-    iterations: int
-    best: float
-    mean: float
-    evaluations: int
-    evaluations_per_second: float
-    seconds: float
-    seconds_left: float
-    workers: tuple[str, ...] = ()
+# Seconds whose speed tells the time left: methods change theirs from stage to stage.
+_LATELY = 60.0
+_SECONDS = attrgetter("seconds")
 
 
 class Run:
@@ -91,6 +67,7 @@ class Run:
         self.trace: list[TraceRow] = []
         self.evaluations = self._evaluations_before = 0
         self._seconds_before = 0.0
+        self._begin, self._rows_before = Spent(-1, 0, 0.0), 0
         self._warnings: list[str] = []
         if saved is None:
             self.search = new_search(study, evaluator.most_poses)
@@ -106,6 +83,8 @@ class Run:
         self.trace = [TraceRow(*row) for row in run["trace"]]
         self.evaluations = self._evaluations_before = run["evaluations"]
         self._seconds_before = run["seconds"]
+        self._rows_before = len(self.trace)
+        self._begin = Spent(self._rows_before - 1, run["maps_rendered"], run["seconds"])
         self._warnings = run["warnings"]
         gl = asdict(evaluator.gl)
         if run["gl"] != gl:
@@ -204,18 +183,35 @@ class Run:
 
     def progress(self) -> Progress:
         """Return how far the search is."""
-        last, seconds = self.trace[-1], self.seconds()
-        here = seconds - self._seconds_before
-        done = last.evaluations - self._evaluations_before
-        most = self.search.iterations
+        last = self.trace[-1]
+        here = self.seconds() - self._seconds_before
+        evaluated = last.evaluations - self._evaluations_before
+        # the last row before what counts as lately
+        row = bisect(self.trace, last.seconds - _LATELY, self._rows_before, key=_SECONDS) - 1
+        then = self._begin if row < self._rows_before else _spent(self.trace[row])
+        limit, done, most, seconds_left = first_limit(then, _spent(last), self._most())
         return Progress(
             iteration=last.iteration,
-            iterations=most,
+            limit=limit,
+            done=done,
+            most=most,
+            seconds_left=seconds_left,
             best=last.best,
             mean=last.mean,
             evaluations=last.evaluations,
-            evaluations_per_second=done / here if here > 0 else math.nan,
-            seconds=seconds,
-            seconds_left=seconds / len(self.trace) * max(0, most - last.iteration),
+            evaluations_per_second=evaluated / here if here > 0 else math.nan,
+            has_ended=self.search.stop_reason is not None,
             workers=tuple(self._evaluator.worker_names),
         )
+
+    def _most(self) -> dict[str, float | None]:
+        """Return what may be spent at the most, None where that does not end the search."""
+        return {
+            "iterations": self.search.iterations,
+            "maps": self.search.most_maps,
+            "seconds": self._evaluator.study.max_seconds,
+        }
+
+
+def _spent(row: TraceRow) -> Spent:
+    return Spent(row.iteration, row.maps_rendered, row.seconds)

@@ -171,12 +171,15 @@ class ScriptSearch:
         self._advance(None)
 
     @property
-    def iterations(self) -> int:
-        """The most iterations there can be, at the cost of those so far."""
-        spent = max(1, self._problem.maps_rendered)
-        guess = math.ceil((self.iteration + 1) * self._problem.max_maps / spent) - 1
-        at_least = self.iteration if self.stop_reason else self.iteration + 1
-        return max(at_least, guess, self._beyond)
+    def iterations(self) -> int | None:
+        """The most iterations there can be, where it goes on though the maps are used up."""
+        is_beyond = self._is_spent and 0 <= self.iteration <= self._beyond
+        return self._beyond if is_beyond else None
+
+    @property
+    def most_maps(self) -> int | None:
+        """The most maps that may be rendered, where they end the search."""
+        return self._problem.max_maps if self.iterations is None else None
 
     def ask(self) -> Floats:
         """Return the positions (P, D) to evaluate next.
@@ -271,9 +274,12 @@ class ScriptSearch:
         """Return in words why no more may be asked, if so."""
         if self._next is None:
             return self.stop_reason
-        if self.iteration < self._beyond:
+        if self.iteration < self._beyond or not self._is_spent:
             return None
         spent, most = self._problem.maps_rendered, self._problem.max_maps
-        if spent + self._next.cost > most:
-            return f"finished: {spent} of {most} maps are rendered"
-        return None
+        return f"finished: {spent} of {most} maps are rendered"
+
+    @property
+    def _is_spent(self) -> bool:
+        """Whether what is asked for next may cost more maps than are left."""
+        return self._next is not None and self._next.cost > self._problem.left()

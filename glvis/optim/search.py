@@ -20,6 +20,7 @@ from glvis.optim.greedy import greedy_alone
 from glvis.optim.guess import Guess
 from glvis.optim.refine import refine_alone
 from glvis.optim.script import Problem, Script, ScriptSearch
+from glvis.optim.search_options import MAPS
 from glvis.optim.swarm import Swarm
 
 Floats = NDArray[np.float64]
@@ -75,8 +76,12 @@ class Search(Protocol):
         """Largest value told so far."""
 
     @property
-    def iterations(self) -> int:
-        """The most iterations there can be."""
+    def iterations(self) -> int | None:
+        """The most iterations there can be; None where they do not end the search."""
+
+    @property
+    def most_maps(self) -> int | None:
+        """The most maps that may be rendered; None where they do not end the search."""
 
     @property
     def inertia(self) -> float:
@@ -107,6 +112,7 @@ class SwarmSearch(Swarm):
 
     method = "swarm"
     sensors: Sequence[int] | None = None
+    most_maps: int | None = None
 
     def tell(self, values: ArrayLike, maps_rendered: int = 0) -> None:
         """Take the values (P,) of the positions asked for last."""
@@ -135,7 +141,6 @@ METHODS: dict[str, Callable[[Problem], Script]] = {
     "greedy": greedy_alone,
     "refine": refine_alone,
 }
-_MAPS = 4000  # a sensor and model, where the study does not say
 
 
 def new_search(study: Study, most_poses: int) -> Search:
@@ -150,7 +155,9 @@ def new_search(study: Study, most_poses: int) -> Search:
     """
     rig, method = study.rig, study.search.method
     if method == "swarm":
-        return SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
+        swarm = SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
+        swarm.most_maps = study.search.max_maps
+        return swarm
     box = Box(rig.bounds, rig.periodic)
 
     def views(x: Floats) -> list[object]:
@@ -162,7 +169,7 @@ def new_search(study: Study, most_poses: int) -> Search:
         start=box.inside(rig.start),
         moved_by=rig.moved_by,
         models=len(study.models),
-        max_maps=study.search.max_maps or _MAPS * len(study.sensors) * len(study.models),
+        max_maps=study.search.max_maps or MAPS * len(study.sensors) * len(study.models),
         most_poses=most_poses,
         views=views,
         rng=np.random.default_rng(study.swarm.seed),
@@ -181,7 +188,9 @@ def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray
         If it cannot: another version of glvis or NumPy would have searched in another way.
     """
     if study.search.method == "swarm":
-        return SwarmSearch.from_state(state)
+        swarm = SwarmSearch.from_state(state)
+        swarm.most_maps = study.search.max_maps
+        return swarm
     search = new_search(study, most_poses)
     assert isinstance(search, ScriptSearch)
     search.go_on(state)

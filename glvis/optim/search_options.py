@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 METHODS = ("swarm", "auto", "greedy", "refine", "cma", "de")
+MAPS = 4000  # a sensor and model, for all methods but "swarm", where the study does not say
 
 
 @dataclass(frozen=True)
