@@ -10,10 +10,10 @@ _EQUAL = ("value", "start_value", "stop_reason", "evaluations", "maps_rendered",
 
 
 def some_jobs(study, rng, least=17):
-    """Return jobs of different size on both models by both sensors of the small study."""
+    """Return jobs of different size by both sensors of the small study."""
     low, high = study.rig.bounds.T
-    poses = study.rig.poses(rng.uniform(low, high, size=(least + 23, len(low))))
-    return [MapJob(m, s, poses[: least + 20 * s, s]) for m in (0, 1) for s in (0, 1)]
+    poses = study.rig.poses(rng.uniform(low, high, size=(least + 26, len(low))))
+    return [MapJob(s, poses[k : k + least + 20 * s, s]) for k in (0, 6) for s in (0, 1)]
 
 
 def assert_same_maps(made, study, jobs):

@@ -15,6 +15,7 @@ from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
 from glvis.sight.selftest import can_cast
 from glvis.sight.surface import Surface
+from glvis.sight.views import Views
 from glvis.sight.visibility import VisibilityOptions
 
 # Looks down -z from the origin: shapes.plate with its normal +z looks back at it.
@@ -52,6 +53,18 @@ def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.
     return camera_to_world(position, target - position, rng.uniform(-np.pi, np.pi, size=n))
 
 
+class Looking(Mapper):
+    """A mapper that is asked by poses: all that it draws is its model and the obstacles."""
+
+    def views(self, poses: np.ndarray, device: Sensor) -> Views:
+        surfaces = [self.surface, *self._obstacles]
+        corners = np.concatenate([surface.clusters.corners for surface in surfaces])
+        return Views.of(poses, device, corners, by_axis=self.options.incidence == "axis")
+
+    def looks(self, poses: np.ndarray, device: Sensor) -> np.ndarray:
+        return self.visible(self.views(poses, device), device)
+
+
 @contextmanager
 def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **options):
     """Yield the mapper of a shape (vertices, faces) among obstacles, released afterwards."""
@@ -67,7 +80,7 @@ def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **o
         for i, o in enumerate(obstacles)
     ]
     model = Model.from_arrays("target", *shape)
-    made = Mapper(model, surfaces, VisibilityOptions(**options), origin, caster_of, casts=casts)
+    made = Looking(model, surfaces, VisibilityOptions(**options), origin, caster_of, casts=casts)
     try:
         yield made
     finally:
@@ -79,5 +92,5 @@ def seen(shape, poses=DOWN, device=None, obstacles=(), *, tiles=None, **options)
     """Return which faces poses (N, 4, 4) see, (N, F) bool; one pose (4, 4) gives (F,)."""
     many = np.asarray(poses).reshape(-1, 4, 4)
     with mapper(shape, obstacles, tiles=tiles, **options) as made:
-        visible = made.visible(many, device or sensor())
+        visible = made.looks(many, device or sensor())
     return visible if np.ndim(poses) == 3 else visible[0]

@@ -36,7 +36,7 @@ def test_id_images_are_what_rays_through_pixel_centres_hit(name, seed):
     device = sensor(hfov_deg=60, vfov_deg=45, resolution=size)
     poses = random_poses(rng, 3)
     with mapper(shape) as made, Renderer(size) as renderer:
-        views = made._views(poses, device)
+        views = made.views(poses, device)
         everything = np.ones((len(poses), len(made.surface.clusters)), dtype=bool)
         selection = Selection(made.surface, everything, np.zeros(len(poses), dtype=bool))
         images = np.concatenate(
@@ -86,7 +86,7 @@ def test_maps_are_those_of_the_ray_caster(options):
         )
         poses = random_poses(rng, 2)
         with mapper(body, [obstacle], resolution=size, **options) as made:
-            visible = made.visible(poses, device)
+            visible = made.looks(poses, device)
         rules = oracle.Rules(
             **{k: v for k, v in options.items() if k != "criterion"}, clip_near=3.4e-3
         )
@@ -125,7 +125,7 @@ def test_a_real_arm_is_seen_as_rays_see_it(criterion, shared_data):
     poses = table_8_poses()
     corners = arm.vertices[arm.faces]
     with mapper((arm.vertices, arm.faces), criterion=criterion) as made:
-        visible = made.visible(poses, device)
+        visible = made.looks(poses, device)
     wrong = missed = half = both = either = 0
     for pose, ours in zip(poses, visible, strict=True):
         if criterion == "pixels":

@@ -46,7 +46,7 @@ def visible(seed, small, monkeypatch, *, casts=True, tiles=None, **options):
     cast_up_to(small, monkeypatch)
     body, obstacle, poses, device = scene(seed)
     with mapper(body, [obstacle], casts=casts, tiles=tiles, **options) as made:
-        return made.visible(poses, device)
+        return made.looks(poses, device)
 
 
 @pytest.mark.parametrize("options", CRITERIA, ids=lambda o: "-".join(map(str, o.values())))
@@ -98,9 +98,9 @@ def test_no_ray_slips_through_between_neighbours(seed, monkeypatch):
     cast_up_to(ALL_CAST, monkeypatch)
     for size in ((173, 131), (64, 64)):
         with mapper(wall, [plate], casts=True, resolution=size) as made:
-            assert not made.visible(DOWN[None], sensor(far=10)).any()
+            assert not made.looks(DOWN[None], sensor(far=10)).any()
         with mapper(wall, casts=True, resolution=size) as made:
-            assert made.visible(DOWN[None], sensor(far=10)).any()
+            assert made.looks(DOWN[None], sensor(far=10)).any()
 
 
 def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
@@ -113,7 +113,7 @@ def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
     )
     for casts in (False, True):
         with mapper(wall, [blade], casts=casts, criterion="centroid") as made:
-            seen = made.visible(DOWN[None], sensor(far=10, resolution=(300, 300)))[0]
+            seen = made.looks(DOWN[None], sensor(far=10, resolution=(300, 300)))[0]
         left = shapes.corners(wall).mean(axis=1)[:, 0] < -0.5
         right = shapes.corners(wall).mean(axis=1)[:, 0] > 0.0
         assert seen[right].sum() > 50 and seen[left].sum() < 0.2 * seen[right].sum()
@@ -134,7 +134,7 @@ def test_tiny_faces_far_from_the_origin_are_seen_as_rays_see_them(monkeypatch):
     poses[:, :3, 3] += far_away
     device = sensor(resolution=(120, 120), far=10)
     with mapper(body, casts=True, origin=far_away, criterion="centroid") as made:
-        ours = made.visible(poses, device)
+        ours = made.looks(poses, device)
     eye = oracle.Eye.of(device)
     theirs = np.stack([oracle.centroid_visible(pose, eye, shapes.corners(body)) for pose in poses])
     assert np.count_nonzero(ours & theirs) >= 0.99 * np.count_nonzero(ours | theirs) > 5000
@@ -149,14 +149,14 @@ def test_nothing_is_seen_behind_a_wall_not_even_edge_on(seed, criterion):
     device = sensor(far=20, resolution=(64, 64))
     for casts in (False, True):
         with mapper(body, [wall], casts=casts, criterion=criterion) as made:
-            assert not made.visible(DOWN[None], device).any()
+            assert not made.looks(DOWN[None], device).any()
         with mapper(body, casts=casts, criterion=criterion) as made:
-            assert made.visible(DOWN[None], device).any()
+            assert made.looks(DOWN[None], device).any()
 
 
 def test_no_poses_make_no_maps():
     with mapper(shapes.cube(), casts=True) as made:
-        assert made.visible(np.zeros((0, 4, 4)), sensor()).shape == (0, 12)
+        assert made.looks(np.zeros((0, 4, 4)), sensor()).shape == (0, 12)
 
 
 @pytest.mark.parametrize(

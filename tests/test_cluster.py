@@ -318,8 +318,8 @@ def test_a_scheduler_or_worker_without_glvis_is_refused(dask, study, monkeypatch
 def test_error_on_a_worker_is_raised_here(dask, study, jobs):
     dask.have("bob")
     maps = ClusterMaps(MapScene.of(study), dask.address)
-    with pytest.raises(IndexError, match="list index out of range"):
-        list(maps.make([MapJob(7, 0, jobs[0].camera_to_world)]))
+    with pytest.raises(IndexError, match="tuple index out of range"):
+        list(maps.make([MapJob(7, jobs[0].camera_to_world)]))
     maps.release()
 
 

@@ -61,7 +61,7 @@ def test_culling_never_changes_an_id_image(body, seed, occlusion):
         [random_poses(rng, 12), random_poses(rng, 8, 1.2), random_poses(rng, 8, 0.4)]
     )
     with mapper(shape, occlusion=occlusion, resolution=(96, 72)) as made:
-        views = made._views(poses, sensor(hfov_deg=70, vfov_deg=50, far=3.5))
+        views = made.views(poses, sensor(hfov_deg=70, vfov_deg=50, far=3.5))
         culled, _ = _selection(made.surface, views, faces_only=occlusion == "paper")
         everything = Selection(made.surface, np.ones_like(culled.mask), culled.cull_backs & False)
         with_backs = Selection(made.surface, np.ones_like(culled.mask), culled.cull_backs)
@@ -82,7 +82,7 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
     poses = random_poses(rng, 20, rng.uniform(0.3, 4))
     device = sensor(hfov_deg=50, vfov_deg=30, far=3.0)
     with mapper(shape) as made:
-        views = made._views(poses, device)
+        views = made.views(poses, device)
         clusters = made.surface.clusters
         faces = clusters.order.reshape(-1, clusters.size)
         model = clusters.model
@@ -114,7 +114,7 @@ def hides(shape, position, direction=None) -> bool:
     """Return whether back faces may be left out from there, looking at the origin by default."""
     target = -np.asarray(position, dtype=float) if direction is None else direction
     with mapper(shape) as made:
-        views = made._views(camera_to_world([position], [target]), sensor(far=50))
+        views = made.views(camera_to_world([position], [target]), sensor(far=50))
         return bool(made.surface.clusters.hides_back_faces(views.eye, views.planes)[0])
 
 

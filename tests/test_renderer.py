@@ -10,6 +10,7 @@ from glvis.errors import MachineError
 from glvis.sight import renderer as r
 from glvis.sight import selftest, surface
 from glvis.sight.context import gl_context, gl_info
+from glvis.sight.views import Views
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +23,7 @@ def _no_gl_error():
 def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_distance=50.0):
     poses = np.asarray(poses).reshape(-1, 4, 4)
     n = len(poses)
-    return r.Views(
+    return Views(
         poses,
         np.full((n, 2), tan),
         *(np.full(n, value) for value in (near, far, min_distance, max_distance, 0.0, -2.0)),
@@ -188,7 +189,7 @@ def test_windows_hold_the_points_before_the_eye_and_are_whole_where_one_is_behin
     poses = random_poses(rng, 20)
     points = rng.uniform(-1, 1, size=(8, 3))
     with mapper(shapes.cube()) as made:
-        views = made._views(poses, device)
+        views = made.views(poses, device)
     for pose, near, window in zip(poses, views.clip_near, views.windows(points, size), strict=True):
         x, y, z = np.linalg.inv(pose)[:3] @ np.append(points, np.ones((8, 1)), axis=1).T
         left, bottom, width, height = window

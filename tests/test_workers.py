@@ -162,8 +162,8 @@ def test_worker_without_opengl_says_so(study, monkeypatch):
 
 def test_error_in_a_worker_is_raised_here(study):
     workers = Workers(MapScene.of(study), 1)
-    with pytest.raises(IndexError, match="list index out of range"):
-        list(workers.make([MapJob(7, 0, study.rig.poses(study.rig.start)[:1])]))
+    with pytest.raises(IndexError, match="tuple index out of range"):
+        list(workers.make([MapJob(7, study.rig.poses(study.rig.start)[:1])]))
     workers.release()
 
 

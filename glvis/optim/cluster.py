@@ -34,7 +34,7 @@ PATIENCE_START = 60.0  # seconds to wait for a first worker, where nothing is lo
 _TO_CONNECT = 10.0  # seconds
 _TICK = 1.0  # seconds between looks at who is there
 # Poses a task: so many that what dask spends on a task is small beside its maps (measured by
-# tools/bench_cluster), so few that they share out evenly.
+# tools/bench_cluster), so few that they share out evenly; the least number for one model.
 _MOST_ON_CPU, _MOST_ON_GPU, _LEAST = 128, 256, 16
 _ADDRESS = re.compile(r"(tcp|tls)://\S+:\d+")
 
@@ -93,6 +93,7 @@ class ClusterMaps:
         self._heard = time.monotonic()
         self._crew: dict[str, str] = {}  # names by address, of those that are there
         self._run, self._number = uuid4().hex, count()  # names of tasks, no two the same
+        self._least = -(-_LEAST // len(scene.models))
         self._scene = ""  # its name on the workers
         self._client = self._connected()
         try:
@@ -123,7 +124,7 @@ class ClusterMaps:
             die over the same maps. What else a worker raises is raised here.
         """
         most = _MOST_ON_CPU if self.gl.is_software else _MOST_ON_GPU
-        parts, spans = shared_out(jobs, max(1, len(self._crew)), _LEAST, most)
+        parts, spans = shared_out(jobs, max(1, len(self._crew)), self._least, most)
         answers = self._answers(parts)
         made: dict[int, Bits] = {}
         for begin, end in spans:

@@ -204,8 +204,7 @@ class Evaluator(Held):
         made = self._maps.make(jobs)
         for block, by_kind in zip(blocks, wanted, strict=True):
             for new_keys in by_kind:
-                bits = np.concatenate([next(made) for _ in self.study.models], axis=1)
-                held.update(zip(new_keys, bits, strict=True))
+                held.update(zip(new_keys, next(made), strict=True))
             for p in block:
                 for key in keys[p]:
                     self._cache.put(key, held[key])
@@ -239,7 +238,7 @@ class Evaluator(Held):
                     by_kind.setdefault(kind, []).append((key, p, s))
             for kind, found in by_kind.items():
                 stack = np.stack([poses[p, s] for _, p, s in found])
-                jobs += [MapJob(m, kind, stack) for m in range(len(self.study.models))]
+                jobs.append(MapJob(kind, stack))
             wanted.append([[key for key, _, _ in found] for found in by_kind.values()])
         return jobs, wanted
 

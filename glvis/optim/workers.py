@@ -32,7 +32,8 @@ from glvis.sight.maps import Bits, MapJob, MapScene
 PATIENCE_START, PATIENCE, PATIENCE_FACTOR = 300.0, 60.0, 30.0
 _MOST_DEATHS = 3  # in a row at the start, or over the same maps: then it is no accident
 _AHEAD = 2  # jobs that a worker holds, so that it need not wait for the next one
-# Poses a job: many enough that sending them costs nothing, few enough to share them out evenly.
+# Poses a job: many enough that sending them costs nothing, few enough to share them out evenly;
+# the least number for one model.
 _JOB_ON_CPU, _JOB_ON_GPU, _LEAST = 32, 128, 4
 # One core a worker: neither the rasteriser nor linear algebra shall start threads of their own.
 _THREADS = {
@@ -119,6 +120,7 @@ class Workers:
             raise ValueError(f"workers = {n} must be at least 1")
         self.workers = n
         self.warnings: list[str] = []
+        self._least = -(-_LEAST // len(scene.models))
         self._scene = pickle.dumps(scene, protocol=pickle.HIGHEST_PROTOCOL)
         self._patience = patience
         self._slowest = 0.0  # seconds a map
@@ -144,7 +146,7 @@ class Workers:
             If three workers die over the same maps. What a worker raises is raised here.
         """
         most = _JOB_ON_CPU if self.gl.is_software else _JOB_ON_GPU
-        call = _Call(*shared_out(jobs, self.workers, _LEAST, most))
+        call = _Call(*shared_out(jobs, self.workers, self._least, most))
         self._call += 1
         for begin, end in call.spans:
             while not all(part in call.made for part in range(begin, end)):

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.sight.context import gl_context
-from glvis.sight.renderer import NEAREST, Renderer, Selection, Views, faces_in_images
+from glvis.sight.renderer import Renderer, Selection, faces_in_images
 from glvis.sight.surface import compiled_compute
+from glvis.sight.views import NEAREST, Views
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

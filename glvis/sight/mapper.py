@@ -8,8 +8,8 @@ against it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,21 +28,14 @@ from glvis.sight.crops import (
     in_camera,
     unhidden,
 )
-from glvis.sight.renderer import (
-    NEAREST,
-    Selection,
-    Views,
-    depth_along_axis,
-    faces_in_images,
-)
+from glvis.sight.renderer import Selection, depth_along_axis, faces_in_images
 from glvis.sight.surface import Surface
+from glvis.sight.views import Views
 from glvis.sight.visibility import VisibilityOptions, render_resolution, takes_second_look
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# Far plane as a share of maxD: nothing that is in range is hidden by what lies beyond.
-_FARTHEST = 2.0
 # Centres looked at together: so many that NumPy's own overhead does not count, and so few that
 # what is computed of them stays in a core's cache.
 _AT_ONCE = 8192
@@ -86,37 +79,33 @@ class Mapper:
         self._table = FaceTable.of(model, self.surface.clusters.order)
         self._obstacles = obstacles
         self._caster_of = caster_of
-        self._corners = np.concatenate(  # of all boxes, (8 B, 3)
-            [surface.clusters.corners for surface in (self.surface, *obstacles)]
-        )
 
     def release(self) -> None:
         """Give the GPU's memory back."""
         self.surface.release()
 
-    def visible(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
-        """Return which faces each pose of a sensor sees, (N, F) bool.
+    def visible(self, views: Views, sensor: Sensor) -> Bools:
+        """Return which faces each view sees, (N, F) bool.
 
         Parameters
         ----------
-        camera_to_world : (N, 4, 4) float64
-            Poses.
+        views : Views
+            Of N poses, their clip planes around all that is drawn.
         sensor : Sensor
-            The model of all N.
+            Whose views they are.
         """
         if self.options.semantics == "paper":
-            return self._by_paper(camera_to_world, sensor)
+            return self._by_paper(views, sensor)
         size = render_resolution(self.options, sensor, self.model)
         if self._casts and self.options.occlusion == "physical" and can_hold(size):
-            return self._by_casting(camera_to_world, sensor, size)
+            return self._by_casting(views, sensor, size)
         if self.options.criterion == "centroid":
-            return self._by_centroid(camera_to_world, sensor)
-        return self._by_pixels(camera_to_world, sensor)
+            return self._by_centroid(views, sensor)
+        return self._by_pixels(views, sensor)
 
-    def _by_casting(self, camera_to_world: Floats, sensor: Sensor, size: tuple[int, int]) -> Bools:
+    def _by_casting(self, views: Views, sensor: Sensor, size: tuple[int, int]) -> Bools:
         """Return the faces that either criterion counts, where compute shaders are at hand."""
         options = self.options
-        views = self._views(camera_to_world, sensor)
         targets, candidates = _selection(self.surface, views)
         by_pixels = options.criterion == "pixels"
         rules = Rules(
@@ -128,10 +117,9 @@ class Mapper:
             views, targets, candidates, self._hiding(views), rules, origin=self.origin
         )
 
-    def _by_pixels(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+    def _by_pixels(self, views: Views, sensor: Sensor) -> Bools:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
         options = self.options
-        views = self._views(camera_to_world, sensor)
         faces_only = options.occlusion == "paper"  # then backs hide nothing
         targets, candidates = _selection(self.surface, views, faces_only=faces_only)
         renderer = self._caster_of(render_resolution(options, sensor, self.model)).renderer
@@ -152,14 +140,13 @@ class Mapper:
                 self._look_again(visible, first, depths, views, candidates, sensor)
         return visible
 
-    def _by_centroid(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+    def _by_centroid(self, views: Views, sensor: Sensor) -> Bools:
         """Return the faces whose centre passes every filter and is hidden by nothing."""
-        views = self._views(camera_to_world, sensor)
         occluders, candidates = _selection(self.surface, views)
         if self.options.occlusion == "paper":
             # what CropBack and CropNorm refuse is gone before anything is hidden
             kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
-            for view, pose in enumerate(camera_to_world):
+            for view, pose in enumerate(views.camera_to_world):
                 places = self.surface.clusters.places_in(candidates[view])
                 faces = in_camera(self._table, places, pose)
                 kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
@@ -172,21 +159,21 @@ class Mapper:
             self._look_again(visible, first, images, views, candidates, sensor)
         return visible
 
-    def _by_paper(self, camera_to_world: Floats, sensor: Sensor) -> Bools:
+    def _by_paper(self, views: Views, sensor: Sensor) -> Bools:
         """Return the paper's own map: its filters, then one ray to each centre that is left."""
-        n = len(camera_to_world)
+        n = len(views)
         kept = np.zeros((n, self.model.n_faces), dtype=bool)
         far_enough = np.zeros_like(kept)
-        tan_half = np.tile(sensor.intrinsics.tan_half, (n, 1))
+        tan_half = views.tan_half.copy()
         in_view = []
-        for view, pose in enumerate(camera_to_world):
+        for view, pose in enumerate(views.camera_to_world):
             kept[view], far_enough[view] = crop_as_paper(self.model, pose, sensor)
             faces = in_camera(self._table, np.flatnonzero(kept[view, self._table.index]), pose)
             in_view.append(faces)
             # a face is kept for one vertex in the frustum: its centre may lie outside
             reach = np.abs(faces.tangent).max(axis=1, initial=0) * _MARGIN
             tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
-        views = self._views(camera_to_world, sensor, tan_half=tan_half)
+        views = replace(views, tan_half=tan_half)
         renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
         visible = np.zeros_like(kept)
         for first, images in renderer.depth_images(
@@ -232,33 +219,6 @@ class Mapper:
     @property
     def _by_axis(self) -> bool:
         return self.options.incidence == "axis"
-
-    def _views(
-        self, camera_to_world: Floats, sensor: Sensor, *, tan_half: Floats | None = None
-    ) -> Views:
-        """Return what the renderer must know of some poses of a sensor."""
-        n = len(camera_to_world)
-        if tan_half is None:
-            tan_half = np.tile(sensor.intrinsics.tan_half, (n, 1))
-        backwards = camera_to_world[:, :3, 2]
-        eye = np.sum(backwards * camera_to_world[:, :3, 3], axis=1)
-        # of the scene's boxes; summed row by row, so that it does not depend on the others
-        depth = eye[:, None] - np.sum(backwards[:, None] * self._corners, axis=2)
-        # Planes beyond the scene on both sides cut no face and leave the depth buffer its bits.
-        clip_far = np.clip(depth.max(axis=1), sensor.max_distance, _FARTHEST * sensor.max_distance)
-        clip_near = np.clip(depth.min(axis=1), NEAREST * sensor.max_distance, clip_far / 2)
-        reach = np.full(n, sensor.max_distance)
-        min_cos = np.full(n, math.cos(sensor.max_incidence))
-        return Views(
-            camera_to_world,
-            tan_half,
-            clip_near / _MARGIN,
-            clip_far * _MARGIN,
-            np.full(n, sensor.min_distance),
-            reach,
-            0 * min_cos if self._by_axis else min_cos,
-            min_cos if self._by_axis else 0 * min_cos - 2,
-        )
 
     def _hiding(self, views: Views) -> list[Selection]:
         """Return what to draw of the obstacles."""

@@ -1,7 +1,8 @@
 """Makes visibility maps of many poses, in this process: the one thing that needs OpenGL.
 
-A job is a few poses of one sensor on one model. Maps come back one bit a face, so that they
-can be kept and sent. ``workers`` makes the same maps in other processes.
+A job is a few poses of one sensor, looked at on every model: what follows from the poses alone
+is worked out once. Maps come back one bit a face, so that they can be kept and sent. ``workers``
+makes the same maps in other processes.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
 from glvis.sight.selftest import can_cast, check_driver
 from glvis.sight.surface import Surface
+from glvis.sight.views import Views
 
 if TYPE_CHECKING:
     from glvis.inputs.scene import Model
@@ -30,24 +32,21 @@ if TYPE_CHECKING:
 # Poses that the CPU culls together: the masks of few stay in its cache. Hardware wants many.
 _AT_ONCE_ON_CPU = 16
 
-Bits = NDArray[np.uint8]  # (N, ceil(F / 8)), as numpy.packbits has them
+Bits = NDArray[np.uint8]  # (N, sum of ceil(F / 8) over models), as numpy.packbits has them
 
 
 @dataclass(frozen=True, eq=False)
 class MapJob:
-    """Some maps to make.
+    """Some maps to make, of every model.
 
     Attributes
     ----------
-    model : int
-        Index of the model, in the order of the study.
     sensor : int
         Index of the sensor, in the order of the study.
     camera_to_world : (N, 4, 4) float64
         Poses of that sensor.
     """
 
-    model: int
     sensor: int
     camera_to_world: NDArray[np.float64]
 
@@ -57,7 +56,7 @@ class MapJob:
     def parts(self, most: int) -> list[MapJob]:
         """Return the same maps as jobs of at most ``most`` poses."""
         return [
-            MapJob(self.model, self.sensor, self.camera_to_world[first : first + most])
+            MapJob(self.sensor, self.camera_to_world[first : first + most])
             for first in range(0, len(self), most)
         ]
 
@@ -137,6 +136,7 @@ class LocalMaps:
         self._obstacles = [
             Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
         ]
+        self._by_axis = scene.visibility.incidence == "axis"
         self._mappers = [
             Mapper(
                 model,
@@ -148,14 +148,21 @@ class LocalMaps:
             )
             for model in scene.models
         ]
+        surfaces = [mapper.surface for mapper in self._mappers] + self._obstacles
+        self._corners = np.concatenate([surface.clusters.corners for surface in surfaces])
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
         """Yield the maps of each job, in their order."""
         for job in jobs:
-            mapper, sensor = self._mappers[job.model], self._sensors[job.sensor]
             parts = job.parts(_AT_ONCE_ON_CPU) if self.gl.is_software else [job]
-            visible = [mapper.visible(part.camera_to_world, sensor) for part in parts]
-            yield np.concatenate([np.packbits(found, axis=1) for found in visible])
+            yield np.concatenate([self._bits(part) for part in parts])
+
+    def _bits(self, job: MapJob) -> Bits:
+        """Return the maps of poses that are looked at together."""
+        sensor = self._sensors[job.sensor]
+        views = Views.of(job.camera_to_world, sensor, self._corners, by_axis=self._by_axis)
+        visible = [mapper.visible(views, sensor) for mapper in self._mappers]
+        return np.concatenate([np.packbits(found, axis=1) for found in visible], axis=1)
 
     def release(self) -> None:
         """Give the GPU's memory back."""

@@ -8,8 +8,7 @@ are turned once, here: row 0 is the top row for everybody else.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any
 
 import moderngl
@@ -20,97 +19,16 @@ from glvis.camera import projection_matrix, rigid_inverse
 from glvis.errors import MachineError
 from glvis.sight.context import Held, gl_context, gl_info, unbind_framebuffer
 from glvis.sight.surface import Surface, compiled
+from glvis.sight.views import Views
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-NEAREST = 1e-3  # share of maxD: what is nearer to the eye hides nothing
 _HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
 # The viewport is this odd number of times as wide and high as the image, which lies in its
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
 _GUARD = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Views:
-    """N cameras of one resolution, ready to draw.
-
-    Attributes
-    ----------
-    camera_to_world : (N, 4, 4) float64
-        Poses.
-    tan_half : (N, 2) float64
-        Tangents of the half opening angles.
-    clip_near, clip_far : (N,) float64
-        Clip planes, beyond both ends of what can show.
-    min_distance, max_distance : (N,) float64
-        Working range, the paper's minD and maxD.
-    min_ray_cos, min_axis_cos : (N,) float64
-        Cosine of the largest incidence by the true ray, 0 for any, and by the optical axis,
-        -2 for any.
-    """
-
-    camera_to_world: Floats
-    tan_half: Floats
-    clip_near: Floats
-    clip_far: Floats
-    min_distance: Floats
-    max_distance: Floats
-    min_ray_cos: Floats
-    min_axis_cos: Floats
-
-    def __len__(self) -> int:
-        return len(self.camera_to_world)
-
-    def __getitem__(self, some: slice) -> Views:
-        return Views(*(getattr(self, field.name)[some] for field in fields(self)))
-
-    @property
-    def eye(self) -> Floats:
-        """Optical centres in the world, (N, 3)."""
-        return self.camera_to_world[:, :3, 3]
-
-    @cached_property
-    def world_to_camera(self) -> Floats:
-        """The poses' inverses, (N, 4, 4)."""
-        return rigid_inverse(self.camera_to_world)
-
-    @property
-    def depth_plane(self) -> Floats:
-        """``depth_plane @ (p, 1)`` is a point's distance along the optical axis, (N, 4)."""
-        return -self.world_to_camera[:, 2]
-
-    def windows(self, points: Floats, resolution: tuple[int, int]) -> NDArray[np.intp]:
-        """Return the pixels that hold points (P, 3): left, bottom, width, height, (N, 4).
-
-        At least one pixel, and the whole image where a point is not safely before the eye.
-        """
-        homogeneous = np.concatenate([points, np.ones((len(points), 1))], axis=1)
-        x, y, z = np.moveaxis(self.world_to_camera[:, :3] @ homogeneous.T, 1, 0)
-        size = np.array(resolution)
-        whole = np.any(-z <= self.clip_near[:, None], axis=1)
-        depth = np.where(whole[:, None], 1.0, -z)
-        pixel = (np.stack([x, y], axis=1) / depth[:, None] / self.tan_half[:, :, None] + 1) / 2
-        pixel *= size[:, None]
-        low = np.clip(np.floor(pixel.min(axis=2)) - 1, 0, size - 1)
-        high = np.clip(np.ceil(pixel.max(axis=2)) + 1, low + 1, size)
-        low[whole], high[whole] = 0, size
-        return np.concatenate([low, high - low], axis=1).astype(np.intp)
-
-    @property
-    def planes(self) -> Floats:
-        """Inward unit planes of the frusta: left, right, bottom, top, maxD; (N, 5, 4)."""
-        planes = np.zeros((len(self), 5, 4))
-        for k in range(4):
-            axis, side = divmod(k, 2)
-            tan = self.tan_half[:, axis]
-            length = np.sqrt(1 + tan**2)
-            planes[:, k, axis] = (1 - 2 * side) / length  # x >= -tan depth, x <= tan depth
-            planes[:, k, 2] = -tan / length  # depth is -z
-        planes[:, 4, 2] = 1.0  # z >= -maxD
-        planes[:, 4, 3] = self.max_distance
-        return planes @ self.world_to_camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,9 @@ from glvis.inputs.scene import Model
 from glvis.sight.caster import Caster, Rules, has_compute
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_info
-from glvis.sight.renderer import Renderer, Selection, Views, depth_along_axis
+from glvis.sight.renderer import Renderer, Selection, depth_along_axis
 from glvis.sight.surface import Surface
+from glvis.sight.views import Views
 
 _SIZE = 8  # pixels a side: each covers one unit of the wall below
 
