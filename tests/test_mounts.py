@@ -310,6 +310,23 @@ def test_a_sensor_moved_onto_its_aim_still_has_a_pose():
         ({"a": text("b"), "b": text("a")}, [mount()], "a = 'b' is cyclic: a -> b -> a"),
         ({"a": Free(0, 1)}, [mount()], "the variable 'a' moves no sensor"),
         ({"a": Free(0, 1)}, [mount(roll=text("a - a"))], "the variable 'a' moves no sensor"),
+        (
+            {"a": Free(0, 90)},  # a ring without a radius
+            [mount(place=Ring("z", 0.0, text("a"), 1.0)), mount("B", place=(Free(0, 1), 0.0, 0.0))],
+            "the variable 'a' moves no sensor over its range; give a number instead, or a wider",
+        ),
+        (
+            {"a": Free(1, 2)},  # the same direction, longer and longer
+            [mount(orientation=Vector((text("a"), text("2*a"), text("-a"))))],
+            "the variable 'a' moves no sensor",
+        ),
+        (
+            {"a": Free(1, 2)},  # what is aimed at moves away along the line of sight
+            [mount(place=(1.0, 1.0, 1.0), orientation=Aim((text("-a"), text("-a"), text("-a"))))],
+            "the variable 'a' moves no sensor",
+        ),
+        ({"a": Free(3, 3 + 4e-16)}, [mount(place=(text("a"), 0.0, 0.0))], "'a' moves no sensor"),
+        ({"a": Free(3, 3 + 1e-9)}, [mount(place=(text("a"), 0.0, 0.0))], "'a' moves no sensor"),
         ({"2a": Free(0, 1)}, [mount()], "'2a' cannot name a variable"),
         (
             {"\N{MICRO SIGN}": 1.0, "\N{GREEK SMALL LETTER MU}": 2.0},

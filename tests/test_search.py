@@ -18,6 +18,7 @@ from glvis.optim.greedy import _drawn, greedy, greedy_alone, mounts_of
 from glvis.optim.placement import place_sensors
 from glvis.optim.refine import Steps, refine_alone
 from glvis.optim.rivals import challenge, cost
+from glvis.optim.run import Run
 from glvis.optim.script import Block, Problem, ScriptSearch
 from glvis.optim.search import METHODS
 from glvis.optim.search_options import SearchOptions
@@ -447,3 +448,17 @@ def test_mounts_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
     task.views = lambda x: [x[:2].tobytes(), (-x[2:]).tobytes()]
     one, other = mounts_of(task)
     assert one.kind != other.kind
+
+
+@pytest.mark.parametrize("method", sorted({*METHODS} - {"cma"}))
+def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path, rng, method):
+    path = write_small_study(tmp_path, rng)
+    fixed = [f"variables.{text}" for text in ("turn=10", "azimuth=60", "elevation=20")]
+    narrow = ["variables.height={min = 1, max = 1.00000001}"]
+    search = [f"search.method={method}", "search.max_maps=200"]
+    study = load_study(path, [*fixed, *narrow, *search])
+    with Evaluator(study) as evaluator:
+        run = Run(study, evaluator)
+        while run.search.stop_reason is None and run.search.iteration < 2000:
+            run.iterate()
+        assert run.search.stop_reason.startswith("finished: ")

@@ -41,6 +41,8 @@ Array = NDArray[np.float64]
 
 # Beyond these numbers squares leave the range of floats, and nothing is meant.
 _FARTHEST, _SHORTEST = 1e12, 1e-100
+# Moves of less, in radians and in shares of the farthest coordinate, are near what rounding does.
+_LEAST = 1e-9
 
 _NAME = re.compile(r"\w[\w.+ -]*")
 
@@ -195,7 +197,7 @@ def build_rig(
     Raises
     ------
     ValueError
-        If a name is taken twice, unknown or never used, if definitions are cyclic, if a mirror
+        If a name is taken twice, unknown or moves no sensor, if definitions are cyclic, if a mirror
         plane is askew to ``up``, or if a mount has no direction at its start.
     """
     if not mounts:
@@ -230,6 +232,7 @@ def build_rig(
         moved += [frozenset(np.flatnonzero(rows.any(axis=0)).tolist())] * copies
     rig = Rig(found, names, tuple(kinds), tuple(moved), axis, matrix, constant, tuple(mounts))
     _check_numbers(rig)
+    _check_moves(rig)
     return rig
 
 
@@ -344,6 +347,23 @@ def _check_numbers(rig: Rig) -> None:
             raise ValueError(f"{mount.name}.aim is the sensor's own place at the start")
         if isinstance(mount.orientation, Vector) and (np.abs(given) < _SHORTEST).all():
             raise ValueError(f"{mount.name}.direction is zero at the start")
+
+
+def _check_moves(rig: Rig) -> None:
+    """Refuse variables that move no sensor: a search would wait for ever for something new."""
+    low, high = rig.bounds.T
+    others = np.random.default_rng(0).random((8, 1, len(low)))  # where the other variables stand
+    for column, variable in enumerate(rig.variables):
+        share = np.repeat(others, 4, axis=1)
+        share[..., column] = (0.0, 0.3, 0.6, 0.9)
+        poses = rig.poses((low + (high - low) * share).reshape(-1, len(low)))
+        moved = np.ptp(poses.reshape(8, 4, -1, 4, 4), axis=1)
+        farthest = np.abs(poses[..., :3, 3]).max()
+        if moved[..., :3].max() < _LEAST and moved[..., 3].max() <= _LEAST * farthest:
+            raise ValueError(
+                f"the variable '{variable.name}' moves no sensor over its range; give a number "
+                "instead, or a wider range"
+            )
 
 
 def _unit(vector: ArrayLike) -> Array:
