@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,10 +42,12 @@ class Intrinsics:
         """Return the intrinsics for opening angles in degrees."""
         return cls(math.radians(hfov_deg), math.radians(vfov_deg))
 
-    @property
+    @cached_property
     def tan_half(self) -> Array:
-        """Tangents of the half angles along x and y, (2,) float64."""
-        return np.tan([self.hfov / 2, self.vfov / 2])
+        """Tangents of the half angles along x and y, (2,) float64, read-only."""
+        tan_half = np.tan([self.hfov / 2, self.vfov / 2])
+        tan_half.flags.writeable = False
+        return tan_half
 
 
 def direction_from_angles(azimuth: ArrayLike, elevation: ArrayLike) -> Array:

@@ -10,7 +10,8 @@ read back is one bit a face, and the IDs of drawn faces where pixels count.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -140,15 +141,15 @@ class Caster:
         if not n:
             return np.zeros((0, n_faces), dtype=bool)
         selections = [targets, *hiding]
-        pixel = np.min(2 * views.tan_half / np.array(renderer.resolution), axis=1)
+        pixel = (2 * views.tan_half / renderer.resolution).min(axis=1)
         share = _pixels_to_cast(views, targets, pixel) * pixel
         near = NEAREST * views.max_distance
         small = [
             one.surface.clusters.seen_small(views.depth_plane, near, share) for one in selections
         ]
-        to_draw = [one.only(~is_small) for one, is_small in zip(selections, small, strict=True)]
-        is_drawn = any(one.mask.any() for one in to_draw)
-        with_ids = rules.min_pixels > 0 and bool(to_draw[0].mask.any())
+        large = [one.mask & ~is_small for one, is_small in zip(selections, small, strict=True)]
+        is_drawn = any(mask.any() for mask in large)
+        with_ids = rules.min_pixels > 0 and is_drawn and bool(large[0].any())
         words = -(-n_faces // 32)
 
         work = _Work()
@@ -170,7 +171,7 @@ class Caster:
             windows = views.windows(targets.surface.clusters.corners, renderer.resolution)
         drawing = renderer.batches(
             views,
-            to_draw,
+            [replace(one, mask=mask) for one, mask in zip(selections, large, strict=True)],
             origin=origin,
             with_ids=with_ids,
             behind_cast=len(work) > 0,
@@ -242,7 +243,7 @@ class _Work:
 
     def told(self, views: NDArray[np.void]) -> NDArray[np.void]:
         """Return what each dispatch is told, for what is told of each view (N,)."""
-        told = views[[view for view, _, _ in self._dispatches]]
+        told = _words(views)[[view for view, _, _ in self._dispatches]].view(_TOLD)[:, 0]
         told["cull_backs"] = [cull_backs for _, cull_backs, _ in self._dispatches]
         told["work"] = np.array([work for _, _, work in self._dispatches]).reshape(-1, 4)
         return told
@@ -253,7 +254,7 @@ class _Work:
         most = _MOST_GROUPS * _GROUP // size
         added: list[_Numbers] = []
         for view in range(len(masks[0])):
-            found = [np.flatnonzero(mask[view]) for mask in masks]
+            found = [mask[view].nonzero()[0] for mask in masks]
             count = sum(map(len, found))
             added.append([])
             for done in range(0, count, most):
@@ -294,7 +295,8 @@ def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
     ``pixel`` (N,) is its width at unit depth. A view's map may not depend on the others.
     """
     clusters = targets.surface.clusters
-    depth = np.sum(views.depth_plane[:, :3] * clusters.middle, axis=1) + views.depth_plane[:, 3]
+    plane = views.depth_plane
+    depth = (plane[:, :3] * clusters.middle).sum(axis=1) + plane[:, 3]
     depth = np.maximum(depth, views.clip_near)
     return np.where(clusters.model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
 
@@ -302,25 +304,37 @@ def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
 def _told(
     views: Views, renderer: Renderer, origin: Floats, rules: Rules, words: int
 ) -> NDArray[np.void]:
-    """Return what the shader must know of each view, (N,) of _TOLD; matrices by column."""
+    """Return what the shader must know of each view, (N,) of _TOLD."""
+    told = _words(_told_of_all(views, tuple(origin.tolist()))).copy().view(_TOLD)[:, 0]
+    width, height = renderer.resolution
+    told["tangent_to_pixel"] = (width / 2, height / 2) * 2
+    told["tangent_to_pixel"][:, :2] /= views.tan_half
+    told["tolerance"] = rules.tolerance
+    told["min_pixels"] = max(rules.min_pixels, 1)
+    told["size"] = width, height
+    told["first_row_and_word"] = [
+        (height * (view % renderer.tiles), words * view) for view in range(len(views))
+    ]
+    return told
+
+
+def _words(told: NDArray[np.void]) -> NDArray[np.uint32]:
+    """Return the same as words (n, W): NumPy is slow at copying field by field."""
+    return told.view(np.uint32).reshape(len(told), -1)
+
+
+@lru_cache(maxsize=1)
+def _told_of_all(views: Views, origin: tuple[float, float, float]) -> NDArray[np.void]:
+    """Return the part of it that is the same for all models of a scene; matrices by column."""
     told = np.zeros(len(views), dtype=_TOLD)
     to_camera = views.world_to_camera.copy()
-    to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
+    to_camera[:, :3, 3] += to_camera[:, :3, :3] @ np.array(origin)
     to_camera[:, 2] *= -1  # depth instead of z
     told["world_to_camera"] = np.swapaxes(to_camera, 1, 2)
-    size = np.array(renderer.resolution)
-    told["tangent_to_pixel"][:, :2] = size / 2 / views.tan_half
-    told["tangent_to_pixel"][:, 2:] = size / 2
     for name, columns in (
         ("working_range", (views.min_distance, views.max_distance)),
         ("min_cos", (views.min_ray_cos, views.min_axis_cos)),
         ("clip", (views.clip_near, views.clip_far)),
     ):
         told[name][:, 0], told[name][:, 1] = columns
-    told["tolerance"] = rules.tolerance
-    told["min_pixels"] = max(rules.min_pixels, 1)
-    told["size"] = size
-    view = np.arange(len(views))
-    told["first_row_and_word"][:, 0] = size[1] * (view % renderer.tiles)
-    told["first_row_and_word"][:, 1] = words * view
     return told

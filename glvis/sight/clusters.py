@@ -85,10 +85,10 @@ class Clusters:
             Inward unit planes of N frusta in the world: ``planes @ (p, 1) >= 0`` inside.
         """
         centre, radius = self._sphere
-        inside = np.ones((len(planes), len(self)), dtype=bool)
-        for k in range(planes.shape[1]):
-            inside &= planes[:, k] @ centre.T >= -radius
-        return inside
+        above = planes[:, 0] @ centre
+        for k in range(1, planes.shape[1]):
+            np.minimum(above, planes[:, k] @ centre, out=above)
+        return above >= -radius
 
     def may_face(self, eye: Floats) -> Bools:
         """Return which clusters may hold a face that looks at the eye, (N, C) bool (CropBack).
@@ -98,11 +98,12 @@ class Clusters:
         eye : (N, 3) float64
             Optical centres in the world.
         """
-        low, high = self._plane_box
-        e = np.concatenate([eye - self.middle, np.ones((len(eye), 1))], axis=1)
+        e = np.ones((len(eye), 8))
+        e[:, :3] = e[:, 4:7] = eye - self.middle
         # the largest n . eye - n . p over the cluster's box of planes (n, -n . p)
-        bound = np.maximum(e, 0) @ high.T + np.minimum(e, 0) @ low.T
-        return bound >= -_SLACK * self._extent
+        np.maximum(e[:, :4], 0, out=e[:, :4])
+        np.minimum(e[:, 4:], 0, out=e[:, 4:])
+        return e @ self._plane_box >= -_SLACK * self._extent
 
     def seen_small(self, depth: Floats, near: Floats, share: Floats) -> Bools:
         """Return whose faces all lie before the eye and look small from there, (N, C) bool.
@@ -118,9 +119,8 @@ class Clusters:
         """
         centre, radius = self._sphere
         # sums row by row: a matrix product's last bits depend on the other rows
-        nearest = depth[:, 3:] - radius
-        for axis in range(3):
-            nearest += depth[:, axis : axis + 1] * centre[:, axis]
+        nearest = np.einsum("nk,kc->nc", depth, centre)
+        nearest -= radius
         return (nearest >= near[:, None]) & (share[:, None] * nearest >= self._longest_edge)
 
     def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
@@ -141,10 +141,9 @@ class Clusters:
         normal, offset, points = self._cap_planes
         if len(normal):
             behind = eye @ normal.T <= offset
-            outside = np.zeros(behind.shape, dtype=bool)
-            for k in range(planes.shape[1]):
-                below = planes[:, k] @ points.T < -slack
-                outside |= below.reshape(len(eye), -1, 3).all(axis=2)
+            below = planes.reshape(-1, 4) @ points < -slack
+            below = below.reshape(len(eye), -1, 3, len(normal))
+            outside = np.any(below.all(axis=2), axis=1)
             safe &= (behind | outside).all(axis=1)
         return safe
 
@@ -159,7 +158,7 @@ class Clusters:
 
     @cached_property
     def _sphere(self) -> tuple[Floats, Floats]:
-        """Bounding spheres: homogeneous centres (C, 4) and radii (C,)."""
+        """Bounding spheres: homogeneous centres (4, C) and radii (C,)."""
         faces = self.model.faces[self.order]
         low = np.full((len(self), 3), np.inf)
         high = np.full((len(self), 3), -np.inf)
@@ -167,7 +166,8 @@ class Clusters:
             points = self.model.vertices[faces[:, corner]].reshape(len(self), self.size, 3)
             low = np.minimum(low, points.min(axis=1))
             high = np.maximum(high, points.max(axis=1))
-        centre = np.concatenate([(low + high) / 2, np.ones((len(self), 1))], axis=1)
+        centre = np.ones((4, len(self)))
+        centre[:3] = (low + high).T / 2
         return centre, np.linalg.norm(high - low, axis=1) / 2 + _SLACK * self._extent
 
     @cached_property
@@ -181,13 +181,14 @@ class Clusters:
         return longest.reshape(len(self), self.size).max(axis=1)
 
     @cached_property
-    def _plane_box(self) -> tuple[Floats, Floats]:
-        """Least and largest (n, -n . p) over each cluster's faces, (C, 4) each."""
+    def _plane_box(self) -> Floats:
+        """Largest, and then least, (n, -n . p) over each cluster's faces, (8, C)."""
         normals = self.model.normals[self.order]
         points = self.model.centroids[self.order] - self.middle
         offset = -np.sum(normals * points, axis=1, keepdims=True)
         planes = np.concatenate([normals, offset], axis=1).reshape(len(self), self.size, 4)
-        return planes.min(axis=1), planes.max(axis=1)
+        box = np.concatenate([planes.max(axis=1), planes.min(axis=1)], axis=1)
+        return np.ascontiguousarray(box.T)
 
     @cached_property
     def _encloses(self) -> bool:
@@ -243,10 +244,13 @@ class Clusters:
 
     @cached_property
     def _cap_planes(self) -> tuple[Floats, Floats, Floats]:
-        """Normals (B, 3), their products with a corner (B,), homogeneous corners (3 B, 4)."""
+        """Normals (B, 3), their products with a corner (B,), homogeneous corners (4, 3 B).
+
+        All first corners come first, then all second ones.
+        """
         corners = self._caps
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        points = np.concatenate([corners.reshape(-1, 3), np.ones((3 * len(corners), 1))], axis=1)
+        points = np.concatenate([corners.T.reshape(3, -1), np.ones((1, 3 * len(corners)))])
         return normal, np.sum(normal * corners[:, 0], axis=1), points
 
 

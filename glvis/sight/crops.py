@@ -203,4 +203,4 @@ def unhidden(
 
 def centre_tolerance(resolution: tuple[int, int], tan_half: Floats) -> float:
     """Return the share of its depth by which something must be nearer to hide a centre."""
-    return float(2 * _TOLERANCE * np.max(tan_half / np.array(resolution)))
+    return 2 * _TOLERANCE * max(float(tan_half[k]) / resolution[k] for k in range(2))

@@ -55,10 +55,6 @@ class Selection:
     def __getitem__(self, some: slice) -> Selection:
         return replace(self, mask=self.mask[some], cull_backs=self.cull_backs[some])
 
-    def only(self, mask: Bools) -> Selection:
-        """Return what of it is also in a mask."""
-        return replace(self, mask=self.mask & mask)
-
     def draw(self, program: Any, view: int) -> None:
         """Draw what one of the views has chosen."""
         context = gl_context()
