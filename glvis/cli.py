@@ -261,11 +261,14 @@ def optimize(
     from glvis.cli_series import optimize_many
     from glvis.inputs.study import load_study
     from glvis.optim.placement import place_sensors
+    from glvis.optim.reach import Sampler
     from glvis.optim.workers import available_cores
     from glvis.outputs.delivery import deliver, summary_of_files
     from glvis.outputs.folder import STUDY, result_folder, series_index
     from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
+
+    sampler = Sampler()  # one for all runs of a series
 
     def search(loaded: Study, checkpoint: Path, goes_on: bool) -> Placement:
         with progress_shown() as show:
@@ -277,7 +280,7 @@ def optimize(
                 checkpoint=checkpoint,
                 resume=goes_on,
                 extend=extend,
-                with_reach=True,
+                sampler=sampler,
             )
 
     if study and study.is_dir() and not resume:

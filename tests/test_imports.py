@@ -63,7 +63,7 @@ ARROWS = {
     " swarm",
     "checkpoint": "errors study",
     "run": "checkpoint errors evaluator progress search study",
-    "reach": "box evaluator visibility",
+    "reach": "box checkpoint evaluator visibility",
     "placement": "checkpoint cluster context evaluator maps progress reach run search study"
     " visibility workers",
     "folder": "errors",
@@ -112,7 +112,7 @@ ARROWS = {
     "cli_series": "delivery errors placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
-    " placement reading starter study terminal wording workers",
+    " placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from glvis.cli import main
 from glvis.inputs.study import load_study
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.placement import evaluate_poses, place_sensors
-from glvis.optim.reach import sampled_reach
+from glvis.optim.reach import Sampler, _Samples
 from glvis.outputs.explain import REASONS, unseen_reasons
 from glvis.outputs.explain_words import explain_lines
 from glvis.outputs.reading import read_result
@@ -83,7 +84,7 @@ def box(tmp_path) -> Path:
 def reach_of(study, most_maps=MANY):
     maps = evaluate_poses(study).maps
     with Evaluator(study) as evaluator:
-        return sampled_reach(evaluator, maps, most_maps)
+        return Sampler().reach(evaluator, maps, most_maps)
 
 
 @pytest.mark.parametrize(("subdivisions", "allowed"), [(3, 0.03), (5, 0.01)])
@@ -120,7 +121,7 @@ def test_what_a_layout_sees_of_it_is_its_part_of_what_can_be_seen(box):
     study = load_study(box)
     placement = evaluate_poses(study, position=[4, 0, 0.5, 0, 4])  # sees +x and +y
     with Evaluator(study) as evaluator:
-        reach = sampled_reach(evaluator, placement.maps, MANY)
+        reach = Sampler().reach(evaluator, placement.maps, MANY)
     row = reach_rows(study.models, placement.maps, reach)[0]
     assert row.seen_of_it == pytest.approx(100 * 4 / 10)
     assert row.area_seen_of_it == pytest.approx(100 * 2 / 5)
@@ -141,25 +142,28 @@ def test_sampling_goes_on_while_a_doubling_adds_and_ends_at_the_budget(study):
     assert reach_of(study, maps_a_position - 1) is None
 
 
+class After:
+    """Somebody who interrupts when asked for the n-th time and later."""
+
+    def __init__(self, asked):
+        self.left = asked
+
+    def __len__(self):
+        self.left -= 1
+        return int(self.left < 0)
+
+
 def test_what_is_asked_to_end_keeps_what_it_has(study):
-    class After:
-        def __init__(self, asked):
-            self.left = asked
-
-        def __len__(self):
-            self.left -= 1
-            return int(self.left < 0)
-
     maps = evaluate_poses(study).maps
     with Evaluator(study) as evaluator:
-        assert sampled_reach(evaluator, maps, MANY, After(6)).positions == 6
-        assert sampled_reach(evaluator, maps, MANY, ["Ctrl-C"]) is None
+        assert Sampler().reach(evaluator, maps, MANY, After(6)).positions == 6
+        assert Sampler().reach(evaluator, maps, MANY, ["Ctrl-C"]) is None
 
 
 @pytest.mark.parametrize("workers", [2, 3])
 def test_reach_is_the_same_for_any_number_of_workers(study, workers):
-    alone = place_sensors(study, with_reach=True).reach
-    together = place_sensors(study, with_reach=True, workers=workers).reach
+    alone = place_sensors(study, sampler=Sampler()).reach
+    together = place_sensors(study, sampler=Sampler(), workers=workers).reach
     for one, other in zip(alone.sensors, together.sensors, strict=True):
         assert np.array_equal(one, other)
     for name in ("positions", "maps_rendered", "growth"):
@@ -173,14 +177,14 @@ def test_reach_costs_apart_and_is_the_same_after_a_break(study, tmp_path):
     def broken(progress):
         raise Broken
 
-    plain, unbroken = place_sensors(study), place_sensors(study, with_reach=True)
+    plain, unbroken = place_sensors(study), place_sensors(study, sampler=Sampler())
     assert plain.reach is None
     assert plain.maps_rendered == unbroken.maps_rendered
     assert 0 < unbroken.reach.maps_rendered <= plain.maps_rendered
     path = tmp_path / "checkpoint.npz"
     with pytest.raises(Broken):
         place_sensors(study, checkpoint=path, on_iteration=broken)
-    again = place_sensors(study, checkpoint=path, resume=True, with_reach=True).reach
+    again = place_sensors(study, checkpoint=path, resume=True, sampler=Sampler()).reach
     assert again.maps_rendered == unbroken.reach.maps_rendered
     for one, other in zip(again.sensors, unbroken.reach.sensors, strict=True):
         assert np.array_equal(one, other)
@@ -188,12 +192,94 @@ def test_reach_costs_apart_and_is_the_same_after_a_break(study, tmp_path):
 
 def test_other_seeds_of_a_search_are_held_against_the_same_positions(tmp_path, rng):
     path = write_small_study(tmp_path, rng, SMALL.replace("iterations = 4", "iterations = 0"))
-    one, other = (place_sensors(load_study(path, [f"swarm.seed={n}"]), with_reach=True).reach
+    one, other = (place_sensors(load_study(path, [f"swarm.seed={n}"]), sampler=Sampler()).reach
                   for n in (1, 2))  # fmt: skip
     assert one.positions == other.positions == 6
     # no more than what the two layouts themselves see may differ
     for a, b in zip(one.sensors, other.sensors, strict=True):
         assert (np.abs(a - b) <= 2).all() and (a == b).mean() > 0.9
+
+
+@pytest.fixture
+def sampled(monkeypatch):
+    """How many positions each sampling has tried."""
+    tried, go_on = [], _Samples.go_on
+
+    def counted(samples, *arguments):
+        before = samples.tried
+        go_on(samples, *arguments)
+        tried.append(samples.tried - before)
+
+    monkeypatch.setattr(_Samples, "go_on", counted)
+    return tried
+
+
+def assert_same_reach(one, other):
+    for name in ("positions", "maps_rendered", "growth"):
+        assert getattr(one, name) == getattr(other, name)
+    for first, second in zip(one.sensors, other.sensors, strict=True):
+        assert np.array_equal(first, second)
+
+
+def test_searches_of_one_study_sample_once_and_find_what_each_would_alone(study, sampled):
+    sampler = Sampler()
+    longer = ["swarm.iterations=40", "objective.kind=of1"]
+    studies = [
+        load_study(study.path, one) for one in (["swarm.iterations=19"], ["swarm.seed=8"], longer)
+    ]
+    found = [place_sensors(one, sampler=sampler).reach for one in studies]
+    assert sum(sampled) == max(reach.positions for reach in found)
+    sampled.clear()
+    for one, reach in zip(studies, found, strict=True):
+        assert_same_reach(place_sensors(one, sampler=Sampler()).reach, reach)
+    assert sum(sampled) == sum(reach.positions for reach in found)
+    assert len({reach.positions for reach in found}) > 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    ["sensor.eye.max_distance=5", "mount.B.roll_deg=20", "visibility.criterion=centroid"],
+)
+def test_what_another_study_sampled_is_of_no_use(study, sampled, change):
+    sampler, other = Sampler(), load_study(study.path, [change])
+    place_sensors(study, sampler=sampler)
+    assert_same_reach(
+        place_sensors(other, sampler=sampler).reach, place_sensors(other, sampler=Sampler()).reach
+    )
+    assert len(sampled) >= 3
+
+
+def test_an_interrupted_sampling_is_gone_on_with(study):
+    sampler, maps = Sampler(), evaluate_poses(study).maps
+    with Evaluator(study) as evaluator:
+        some = sampler.reach(evaluator, maps, MANY, After(6))
+        assert some.positions == 6
+        rest = sampler.reach(evaluator, maps, 4 * 100)
+    # what was rendered in one go before the interruption is thrown away, and counts
+    alone = reach_of(study, 4 * 100)
+    assert_same_reach(replace(rest, maps_rendered=alone.maps_rendered), alone)
+
+
+def test_no_more_is_kept_than_there_is_room_for(study, sampled, monkeypatch):
+    sampler, other = Sampler(), load_study(study.path, ["mount.B.roll_deg=20"])
+    for one in (study, other, study):
+        place_sensors(one, sampler=sampler)
+    assert len(sampler._known) == 2
+    monkeypatch.setattr("glvis.optim.reach._BYTES", 0)
+    before = sum(sampled)
+    place_sensors(other, sampler=sampler)
+    assert len(sampler._known) == 1 and sum(sampled) == before
+    place_sensors(study, sampler=sampler)
+    assert len(sampler._known) == 1 and sum(sampled) > before
+
+
+def test_a_series_samples_once_a_point(box, tmp_path, sampled):
+    out = tmp_path / "out"
+    many = ["--sweep", "sensor.eye.max_distance=40,50", "--repeats", "2", "--no-pictures"]
+    assert main(["optimize", str(box), "-o", str(out), "--workers", "1", *many]) == 0
+    told = [json.loads(path.read_text())["reach"] for path in sorted(out.glob("run-*/result.json"))]
+    assert [one["positions"] for one in told] == [128] * 4
+    assert sum(sampled) == 2 * 128
 
 
 def test_reach_is_told_in_the_result_on_the_page_on_the_terminal_and_by_explain(

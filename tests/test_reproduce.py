@@ -9,6 +9,7 @@ import pytest
 from toolbox import tool
 
 from glvis.optim.placement import evaluate_poses, place_sensors
+from glvis.optim.reach import Sampler
 from glvis.outputs.folder import result_folder
 from glvis.outputs.reading import read_result
 from glvis.sight.visibility import VisibilityOptions
@@ -116,7 +117,7 @@ def test_a_search_that_somebody_ended_is_gone_on_with(run, reproduce, tmp_path, 
 
 
 def test_the_page_of_the_arms_holds_the_numbers_of_the_run(reproduce):
-    found = place_sensors(reproduce.case_study("arms", None, TINY), with_reach=True)
+    found = place_sensors(reproduce.case_study("arms", None, TINY), sampler=Sampler())
     fixed = evaluate_poses(reproduce.case_study("arms-table-8", None))
     runs = {name: [] for name in ("kitchen-2", "kitchen-3", "kitchen-4")}
     runs["arms-table-8"] = [reproduce.Run(fixed, None, True)]

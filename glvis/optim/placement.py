@@ -22,7 +22,7 @@ from glvis.optim.checkpoint import read_checkpoint
 from glvis.optim.cluster import ClusterMaps
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress
-from glvis.optim.reach import Reach, sampled_reach
+from glvis.optim.reach import Reach, Sampler
 from glvis.optim.run import Run
 from glvis.optim.search import TraceRow
 from glvis.optim.workers import Workers
@@ -141,7 +141,7 @@ def place_sensors(
     checkpoint: Path | None = None,
     resume: bool = False,
     extend: int = 0,
-    with_reach: bool = False,
+    sampler: Sampler | None = None,
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
@@ -165,8 +165,8 @@ def place_sensors(
         Go on from ``checkpoint``; the numbers are those of a run that was never broken off.
     extend : int
         Iterations to add, with ``resume``.
-    with_reach : bool
-        Sample what could be seen at best, too; at most as many maps again as the search
+    sampler : Sampler, optional
+        Samples what could be seen at best, too, from at most as many maps again as the search
         rendered. Ctrl-C ends that as well.
 
     Raises
@@ -213,7 +213,7 @@ def place_sensors(
             run.search.stop(f"{INTERRUPTED}: Ctrl-C")
         spent, x = evaluator.maps_rendered, run.best_position
         best = _evaluated(evaluator, x, study.rig.poses(x))
-        reach = sampled_reach(evaluator, best.maps, spent, interrupted) if with_reach else None
+        reach = sampler.reach(evaluator, best.maps, spent, interrupted) if sampler else None
         return replace(
             best,
             start_value=run.start_value,
