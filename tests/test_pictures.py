@@ -1,11 +1,13 @@
 """What pictures say: colours and legends by closed form, places of labels, names of files."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gallery
 import numpy as np
 import pytest
+import studies
 from PIL import Image
 from shapes import plate
 
@@ -31,8 +33,12 @@ from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage, extreme_points
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
+from glvis.inputs.study import load_study
 from glvis.optim.evaluator import Evaluator
+from glvis.optim.placement import evaluate_poses
+from glvis.outputs.report import page_data
 from glvis.sight.visibility import VisibilityMap
+from glvis.viewer.page import _packed
 
 CAM = Sensor("cam", Intrinsics.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.radians(70))
 
@@ -95,6 +101,26 @@ def test_legend_of_overlap_counts_every_face_once():
     assert sum(values) == pytest.approx(100)
     assert [row.label for row in painted.swatches][-1] == "3 sensors"
     assert (painted.colors[0, :3] == overlap_colors(3)[3]).all()
+
+
+def test_a_count_of_sensors_has_one_colour_on_all_models_and_on_the_page(tmp_path, monkeypatch):
+    eye = '[[mount]]\nname = "E{}"\nsensor = "eye"\nposition = [0, 0, 4]\naim = [0, 0, 0]\n'
+    text = studies.SMALL.split("[[mount]]")[0] + "".join(map(eye.format, range(8)))
+    placement = evaluate_poses(load_study(studies.write_small_study(tmp_path, text)))
+    of_all, of_two = placement.maps  # the two that face the sensors are seen by all, or by 2
+    of_two = replace(of_two, visible=of_two.visible & (np.arange(8) < 2)[:, None])
+    used = []
+    monkeypatch.setattr(
+        "glvis.drawing.pictures.coloring",
+        lambda kind, seen: used.append((seen.map.counts, coloring(kind, seen))) or used[-1][1],
+    )
+    maps, poses = [of_all, of_two], placement.camera_to_world
+    write_views(placement.study, poses, maps, tmp_path, size=(240, 200), color="overlap")
+    (header, _) = _packed(page_data(replace(placement, maps=tuple(maps))))
+    assert [int(counts.max()) for counts, _ in used] == [8, 2]
+    for counts, painted in used:
+        assert np.array_equal(painted.colors[:, :3], np.array(header["colors"]["overlap"])[counts])
+    assert not np.array_equal(overlap_colors(8)[2], overlap_colors(2)[2])
 
 
 def test_more_sensors_than_a_legend_has_rows_for_are_summed_up():

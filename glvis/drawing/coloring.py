@@ -104,6 +104,9 @@ class Seen:
         Of lengths.
     by_axis : bool
         Whether incidence means the angle to the optical axis instead of the ray.
+    most : int
+        Most sensors that see one face of any model shown beside this one, so that a count has
+        the same colour on all.
     """
 
     model: Model
@@ -112,6 +115,7 @@ class Seen:
     camera_to_world: Floats
     unit: str
     by_axis: bool = False
+    most: int = 1
 
     def incidence(self, s: int) -> Floats:
         """Return the angle between each face's normal and the way to sensor ``s``, (F,) rad."""
@@ -237,7 +241,7 @@ def _by_sensor(seen: Seen) -> Coloring:
 
 def _by_overlap(seen: Seen) -> Coloring:
     counts = seen.map.counts
-    colors = overlap_colors(max(1, int(counts.max(initial=0))))
+    colors = overlap_colors(max(seen.most, int(counts.max(initial=0))))
     numbers = np.bincount(counts, minlength=2)
     last = min(len(numbers) - 1, _MAX_ROWS - 1)
     rows = [unseen_swatch(counts == 0)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 from numpy.typing import ArrayLike
@@ -118,8 +119,9 @@ def _sheets(
     color: str | None,
 ) -> Iterator[tuple[str, Sheet]]:
     """Yield the sheets with their names, each ready to be saved."""
+    most = max(int(seen_map.counts.max(initial=0)) for seen_map in maps)
     for m, seen_map in enumerate(maps):
-        seen = stage.show(m, seen_map)
+        seen = replace(stage.show(m, seen_map), most=most)
         model = seen.model.name
         for kind in [color] if color else KINDS:
             painted = coloring(kind, seen)
