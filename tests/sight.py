@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
+from glvis.sight.culling import Culling
 from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
 from glvis.sight.selftest import can_cast
@@ -56,13 +58,17 @@ def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.
 class Looking(Mapper):
     """A mapper that is asked by poses: all that it draws is its model and the obstacles."""
 
+    @cached_property
+    def culling(self) -> Culling:
+        return Culling([self.surface, *self._obstacles])
+
     def views(self, poses: np.ndarray, device: Sensor) -> Views:
-        surfaces = [self.surface, *self._obstacles]
-        corners = np.concatenate([surface.clusters.corners for surface in surfaces])
-        return Views.of(poses, device, corners, by_axis=self.options.incidence == "axis")
+        by_axis = self.options.incidence == "axis"
+        return Views.of(poses, device, self.culling.corners, by_axis=by_axis)
 
     def looks(self, poses: np.ndarray, device: Sensor) -> np.ndarray:
-        return self.visible(self.views(poses, device), device)
+        views = self.views(poses, device)
+        return self.visible(views, device, self.culling.chosen(views))
 
 
 @contextmanager

@@ -8,7 +8,6 @@ from sight import mapper, random_poses, sensor
 from glvis.camera import camera_to_world
 from glvis.inputs.scene import Model
 from glvis.sight.clusters import Clusters
-from glvis.sight.mapper import _selection
 from glvis.sight.renderer import Renderer, Selection
 
 
@@ -62,7 +61,9 @@ def test_culling_never_changes_an_id_image(body, seed, occlusion):
     )
     with mapper(shape, occlusion=occlusion, resolution=(96, 72)) as made:
         views = made.views(poses, sensor(hfov_deg=70, vfov_deg=50, far=3.5))
-        culled, _ = _selection(made.surface, views, faces_only=occlusion == "paper")
+        culled, candidates = made.culling.chosen(views)[made.surface]
+        if occlusion == "paper":
+            culled = Selection(made.surface, candidates, np.ones(len(poses), dtype=bool))
         everything = Selection(made.surface, np.ones_like(culled.mask), culled.cull_backs & False)
         with_backs = Selection(made.surface, np.ones_like(culled.mask), culled.cull_backs)
         hide = occlusion == "physical"
@@ -88,12 +89,12 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
         model = clusters.model
         towards = (views.eye[:, None] - model.centroids) * model.normals
         is_front = towards.sum(axis=2) > 0
-        assert not (is_front[:, faces].any(axis=2) & ~clusters.may_face(views.eye)).any()
+        assert not (is_front[:, faces].any(axis=2) & ~made.culling.may_face(views.eye)).any()
         corners = model.vertices[model.faces]
         points = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=2)
         inside = np.einsum("nkd,fcd->nfck", views.planes, points) >= 0
         shows = inside.all(axis=3).any(axis=2)
-        assert not (shows[:, faces].any(axis=2) & ~clusters.in_frustum(views.planes)).any()
+        assert not (shows[:, faces].any(axis=2) & ~made.culling.in_frustum(views.planes)).any()
 
 
 def test_every_face_with_area_is_in_one_cluster(rng):
@@ -115,7 +116,7 @@ def hides(shape, position, direction=None) -> bool:
     target = -np.asarray(position, dtype=float) if direction is None else direction
     with mapper(shape) as made:
         views = made.views(camera_to_world([position], [target]), sensor(far=50))
-        return bool(made.surface.clusters.hides_back_faces(views.eye, views.planes)[0])
+        return bool(made.culling.hides_back_faces(views.eye, views.planes)[0, 0])
 
 
 def test_from_outside_a_closed_body_back_faces_may_be_left_out(rng):

@@ -1,13 +1,7 @@
-"""Which faces may be left out of a draw: CropFOV and CropBack (Sec. 2.1.1) by clusters of faces.
+"""The faces of a model in clusters, with what bounds each: what is culled is clusters.
 
 Faces are sorted once by direction and place and cut into clusters of equal size. Every cluster
-keeps a bounding sphere and a box around its faces' planes, so that both filters for all poses
-at once are two matrix products. The cull is conservative: it never changes a map.
-
-A back face may only be left out where no ray of the camera can meet it first. That holds for a
-consistently wound surface that encloses a volume, seen from outside its bounding box. Where the
-surface has holes, imagine each hole closed by a fan of triangles: a ray that meets a back
-face first must have come in through such a cap, so the camera must be behind all of the caps.
+keeps a bounding sphere and a box around its faces' planes; ``culling`` uses both.
 """
 
 from __future__ import annotations
@@ -76,35 +70,6 @@ class Clusters:
         """Return the places in ``order`` of chosen clusters (C,) bool; padding repeats faces."""
         return np.flatnonzero(np.repeat(mask, self.size))
 
-    def in_frustum(self, planes: Floats) -> Bools:
-        """Return which clusters may show inside frusta, (N, C) bool (CropFOV).
-
-        Parameters
-        ----------
-        planes : (N, K, 4) float64
-            Inward unit planes of N frusta in the world: ``planes @ (p, 1) >= 0`` inside.
-        """
-        centre, radius = self._sphere
-        above = planes[:, 0] @ centre
-        for k in range(1, planes.shape[1]):
-            np.minimum(above, planes[:, k] @ centre, out=above)
-        return above >= -radius
-
-    def may_face(self, eye: Floats) -> Bools:
-        """Return which clusters may hold a face that looks at the eye, (N, C) bool (CropBack).
-
-        Parameters
-        ----------
-        eye : (N, 3) float64
-            Optical centres in the world.
-        """
-        e = np.ones((len(eye), 8))
-        e[:, :3] = e[:, 4:7] = eye - self.middle
-        # the largest n . eye - n . p over the cluster's box of planes (n, -n . p)
-        np.maximum(e[:, :4], 0, out=e[:, :4])
-        np.minimum(e[:, 4:], 0, out=e[:, 4:])
-        return e @ self._plane_box >= -_SLACK * self._extent
-
     def seen_small(self, depth: Floats, near: Floats, share: Floats) -> Bools:
         """Return whose faces all lie before the eye and look small from there, (N, C) bool.
 
@@ -117,39 +82,17 @@ class Clusters:
         share : (N,) float64
             Longest edge as a share of that distance.
         """
-        centre, radius = self._sphere
+        centre, radius = self.sphere
         # sums row by row: a matrix product's last bits depend on the other rows
         nearest = np.einsum("nk,kc->nc", depth, centre)
         nearest -= radius
         return (nearest >= near[:, None]) & (share[:, None] * nearest >= self._longest_edge)
 
-    def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
-        """Return from which poses no ray can meet a back face first, (N,) bool.
-
-        Parameters
-        ----------
-        eye : (N, 3) float64
-            Optical centres in the world.
-        planes : (N, K, 4) float64
-            Frusta as for ``in_frustum``; a cap outside the frustum lets nothing in.
-        """
-        if not self._encloses:
-            return np.zeros(len(eye), dtype=bool)
-        slack = _SLACK * self._extent
-        low, high = self.model.bounds
-        safe = np.any((eye < low - slack) | (eye > high + slack), axis=1)
-        normal, offset, points = self._cap_planes
-        if len(normal):
-            behind = eye @ normal.T <= offset
-            below = planes.reshape(-1, 4) @ points < -slack
-            below = below.reshape(len(eye), -1, 3, len(normal))
-            outside = np.any(below.all(axis=2), axis=1)
-            safe &= (behind | outside).all(axis=1)
-        return safe
-
     @cached_property
-    def _extent(self) -> float:
-        return float(np.max(np.ptp(self.model.bounds, axis=0)) + np.abs(self.model.bounds).max())
+    def slack(self) -> float:
+        """How far float32 may move a boundary, scene unit."""
+        bounds = self.model.bounds
+        return _SLACK * float(np.max(np.ptp(bounds, axis=0)) + np.abs(bounds).max())
 
     @cached_property
     def middle(self) -> Floats:
@@ -157,7 +100,7 @@ class Clusters:
         return self.model.bounds.mean(axis=0)
 
     @cached_property
-    def _sphere(self) -> tuple[Floats, Floats]:
+    def sphere(self) -> tuple[Floats, Floats]:
         """Bounding spheres: homogeneous centres (4, C) and radii (C,)."""
         faces = self.model.faces[self.order]
         low = np.full((len(self), 3), np.inf)
@@ -168,7 +111,7 @@ class Clusters:
             high = np.maximum(high, points.max(axis=1))
         centre = np.ones((4, len(self)))
         centre[:3] = (low + high).T / 2
-        return centre, np.linalg.norm(high - low, axis=1) / 2 + _SLACK * self._extent
+        return centre, np.linalg.norm(high - low, axis=1) / 2 + self.slack
 
     @cached_property
     def _longest_edge(self) -> Floats:
@@ -180,18 +123,23 @@ class Clusters:
             np.maximum(longest, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), out=longest)
         return longest.reshape(len(self), self.size).max(axis=1)
 
-    @cached_property
-    def _plane_box(self) -> Floats:
-        """Largest, and then least, (n, -n . p) over each cluster's faces, (8, C)."""
+    def plane_box(self, middle: Floats) -> Floats:
+        """Return the largest, and then least, (n, -n . p) over each cluster's faces, (8, C).
+
+        Parameters
+        ----------
+        middle : (3,) float64
+            World point that places p are relative to.
+        """
         normals = self.model.normals[self.order]
-        points = self.model.centroids[self.order] - self.middle
+        points = self.model.centroids[self.order] - middle
         offset = -np.sum(normals * points, axis=1, keepdims=True)
         planes = np.concatenate([normals, offset], axis=1).reshape(len(self), self.size, 4)
         box = np.concatenate([planes.max(axis=1), planes.min(axis=1)], axis=1)
         return np.ascontiguousarray(box.T)
 
     @cached_property
-    def _encloses(self) -> bool:
+    def encloses(self) -> bool:
         """Whether the surface, holes capped, is wound outwards around every part of it."""
         model = self.model
         if not model.is_consistent or not len(self):
@@ -202,8 +150,8 @@ class Clusters:
         parts, part_of_vertex = connected_components(graph, directed=False)
         triangles = model.vertices[faces]
         part_of_face = part_of_vertex[faces[:, 0]]
-        if len(self._caps):
-            triangles = np.concatenate([triangles, self._caps])
+        if len(self.caps):
+            triangles = np.concatenate([triangles, self.caps])
             part_of_face = np.concatenate([part_of_face, part_of_vertex[self._boundary[:, 0]]])
         triangles = triangles - self.middle
         volume = np.sum(triangles[:, 0] * np.cross(triangles[:, 1], triangles[:, 2]), axis=1)
@@ -224,7 +172,7 @@ class Clusters:
         return np.stack([end[alone], start[alone]], axis=1)
 
     @cached_property
-    def _caps(self) -> Floats:
+    def caps(self) -> Floats:
         """Triangles that close the holes: a fan around the middle of each loop, (B, 3, 3)."""
         edges = self._boundary
         if not len(edges):
@@ -241,17 +189,6 @@ class Clusters:
         )
         a, b = points[local[:, 0]], points[local[:, 1]]
         return np.stack([a, b, middle[loop_of_vertex[local[:, 0]]]], axis=1)
-
-    @cached_property
-    def _cap_planes(self) -> tuple[Floats, Floats, Floats]:
-        """Normals (B, 3), their products with a corner (B,), homogeneous corners (4, 3 B).
-
-        All first corners come first, then all second ones.
-        """
-        corners = self._caps
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        points = np.concatenate([corners.T.reshape(3, -1), np.ones((1, 3 * len(corners)))])
-        return normal, np.sum(normal * corners[:, 0], axis=1), points
 
 
 def _morton_code(points: Floats) -> NDArray[np.uint64]:

@@ -8,7 +8,7 @@ against it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from glvis.sight.crops import (
     in_camera,
     unhidden,
 )
+from glvis.sight.culling import Chosen, Culling
 from glvis.sight.renderer import Selection, depth_along_axis, faces_in_images
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
@@ -84,7 +85,7 @@ class Mapper:
         """Give the GPU's memory back."""
         self.surface.release()
 
-    def visible(self, views: Views, sensor: Sensor) -> Bools:
+    def visible(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return which faces each view sees, (N, F) bool.
 
         Parameters
@@ -93,20 +94,28 @@ class Mapper:
             Of N poses, their clip planes around all that is drawn.
         sensor : Sensor
             Whose views they are.
+        chosen : mapping
+            What the views keep of this model and the obstacles.
         """
         if self.options.semantics == "paper":
             return self._by_paper(views, sensor)
         size = render_resolution(self.options, sensor, self.model)
         if self._casts and self.options.occlusion == "physical" and can_hold(size):
-            return self._by_casting(views, sensor, size)
+            return self._by_casting(views, sensor, chosen, size)
         if self.options.criterion == "centroid":
-            return self._by_centroid(views, sensor)
-        return self._by_pixels(views, sensor)
+            return self._by_centroid(views, sensor, chosen)
+        return self._by_pixels(views, sensor, chosen)
 
-    def _by_casting(self, views: Views, sensor: Sensor, size: tuple[int, int]) -> Bools:
+    def _by_casting(
+        self,
+        views: Views,
+        sensor: Sensor,
+        chosen: Mapping[Surface, Chosen],
+        size: tuple[int, int],
+    ) -> Bools:
         """Return the faces that either criterion counts, where compute shaders are at hand."""
         options = self.options
-        targets, candidates = _selection(self.surface, views)
+        targets, candidates = chosen[self.surface]
         by_pixels = options.criterion == "pixels"
         rules = Rules(
             min_pixels=options.min_pixels if by_pixels else 0,
@@ -114,20 +123,21 @@ class Mapper:
             tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
         )
         return self._caster_of(size).visible(
-            views, targets, candidates, self._hiding(views), rules, origin=self.origin
+            views, targets, candidates, self._hiding(chosen), rules, origin=self.origin
         )
 
-    def _by_pixels(self, views: Views, sensor: Sensor) -> Bools:
+    def _by_pixels(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
         options = self.options
-        faces_only = options.occlusion == "paper"  # then backs hide nothing
-        targets, candidates = _selection(self.surface, views, faces_only=faces_only)
+        targets, candidates = chosen[self.surface]
+        if options.occlusion == "paper":  # backs hide nothing
+            targets = Selection(self.surface, candidates, np.ones(len(views), dtype=bool))
         renderer = self._caster_of(render_resolution(options, sensor, self.model)).renderer
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         second_look = takes_second_look(options)
         for first, images in renderer.id_images(
             views,
-            [targets, *self._hiding(views)],
+            [targets, *self._hiding(chosen)],
             origin=self.origin,
             refused_hide=options.occlusion == "physical",
         ):
@@ -140,9 +150,9 @@ class Mapper:
                 self._look_again(visible, first, depths, views, candidates, sensor)
         return visible
 
-    def _by_centroid(self, views: Views, sensor: Sensor) -> Bools:
+    def _by_centroid(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces whose centre passes every filter and is hidden by nothing."""
-        occluders, candidates = _selection(self.surface, views)
+        occluders, candidates = chosen[self.surface]
         if self.options.occlusion == "paper":
             # what CropBack and CropNorm refuse is gone before anything is hidden
             kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
@@ -154,7 +164,7 @@ class Mapper:
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
         for first, images in renderer.depth_images(
-            views, [occluders, *self._hiding(views)], origin=self.origin
+            views, [occluders, *self._hiding(chosen)], origin=self.origin
         ):
             self._look_again(visible, first, images, views, candidates, sensor)
         return visible
@@ -174,11 +184,12 @@ class Mapper:
             reach = np.abs(faces.tangent).max(axis=1, initial=0) * _MARGIN
             tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
         views = replace(views, tan_half=tan_half)
+        hiding = self._hiding(Culling(self._obstacles).chosen(views)) if self._obstacles else []
         renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
         visible = np.zeros_like(kept)
         for first, images in renderer.depth_images(
             views,
-            [_selection_of_faces(self.surface, kept), *self._hiding(views)],
+            [_selection_of_faces(self.surface, kept), *hiding],
             origin=self.origin,
         ):
             for view, image in enumerate(images, start=first):
@@ -220,28 +231,9 @@ class Mapper:
     def _by_axis(self) -> bool:
         return self.options.incidence == "axis"
 
-    def _hiding(self, views: Views) -> list[Selection]:
+    def _hiding(self, chosen: Mapping[Surface, Chosen]) -> list[Selection]:
         """Return what to draw of the obstacles."""
-        return [_selection(obstacle, views)[0] for obstacle in self._obstacles]
-
-
-def _selection(
-    surface: Surface, views: Views, *, faces_only: bool = False
-) -> tuple[Selection, Bools]:
-    """Return what views draw of a surface, and which clusters (N, C) may have a face to count.
-
-    Drawn is what is in the frusta and can matter. Backs are left out where they hide nothing
-    that is not hidden anyway, or with ``faces_only``.
-    """
-    clusters, planes = surface.clusters, views.planes
-    mask = clusters.in_frustum(planes)
-    candidates = mask & clusters.may_face(views.eye)
-    if faces_only:
-        cull_backs = np.ones(len(views), dtype=bool)
-    else:
-        cull_backs = clusters.hides_back_faces(views.eye, planes)
-    mask = np.where(cull_backs[:, None], candidates, mask)
-    return Selection(surface, mask, cull_backs), candidates
+        return [chosen[obstacle].to_draw for obstacle in self._obstacles]
 
 
 def _selection_of_faces(surface: Surface, mask: Bools) -> Selection:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import GlInfo, gl_info
+from glvis.sight.culling import Culling
 from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
 from glvis.sight.selftest import can_cast, check_driver
@@ -148,8 +149,7 @@ class LocalMaps:
             )
             for model in scene.models
         ]
-        surfaces = [mapper.surface for mapper in self._mappers] + self._obstacles
-        self._corners = np.concatenate([surface.clusters.corners for surface in surfaces])
+        self._culling = Culling([*(mapper.surface for mapper in self._mappers), *self._obstacles])
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
         """Yield the maps of each job, in their order."""
@@ -160,8 +160,10 @@ class LocalMaps:
     def _bits(self, job: MapJob) -> Bits:
         """Return the maps of poses that are looked at together."""
         sensor = self._sensors[job.sensor]
-        views = Views.of(job.camera_to_world, sensor, self._corners, by_axis=self._by_axis)
-        visible = [mapper.visible(views, sensor) for mapper in self._mappers]
+        corners = self._culling.corners
+        views = Views.of(job.camera_to_world, sensor, corners, by_axis=self._by_axis)
+        chosen = self._culling.chosen(views)
+        visible = [mapper.visible(views, sensor, chosen) for mapper in self._mappers]
         return np.concatenate([np.packbits(found, axis=1) for found in visible], axis=1)
 
     def release(self) -> None:

@@ -1,0 +1,143 @@
+"""Which clusters of faces views leave out: CropFOV and CropBack (Sec. 2.1.1).
+
+All surfaces of a scene are culled together: both filters for all poses and all clusters are a
+few matrix products with each cluster's bounding sphere and the box around its faces' planes.
+The cull is conservative: it never changes a map.
+
+A back face may only be left out where no ray of the camera can meet it first. That holds for a
+consistently wound surface that encloses a volume, seen from outside its bounding box. Where the
+surface has holes, imagine each hole closed by a fan of triangles: a ray that meets a back
+face first must have come in through such a cap, so the camera must be behind all of the caps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.sight.renderer import Selection
+from glvis.sight.surface import Surface
+from glvis.sight.views import Views
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+class Chosen(NamedTuple):
+    """What is left of a surface.
+
+    Attributes
+    ----------
+    to_draw : Selection
+        What is in the frusta and can hide or be seen.
+    candidates : (N, C) bool
+        Clusters that may have a face to count.
+    """
+
+    to_draw: Selection
+    candidates: Bools
+
+
+class Culling:
+    """The clusters of some surfaces, C in all, culled together.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+        M of them.
+
+    Attributes
+    ----------
+    corners : (8 M, 3) float64
+        Of the surfaces' boxes.
+    """
+
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        self._surfaces = surfaces
+        clusters = [surface.clusters for surface in surfaces]
+        self._sizes = [len(one) for one in clusters]
+        self.corners = np.concatenate([one.corners for one in clusters])
+        self._middle = self.corners.mean(axis=0)
+        self._centre = np.concatenate([one.sphere[0] for one in clusters], axis=1)
+        self._radius = np.concatenate([one.sphere[1] for one in clusters])
+        self._plane_box = np.concatenate([one.plane_box(self._middle) for one in clusters], axis=1)
+        slack = np.array([one.slack for one in clusters])
+        self._slack = np.repeat(slack, self._sizes)
+        self._encloses = np.array([one.encloses for one in clusters])
+        low, high = np.stack([one.model.bounds for one in clusters], axis=1)
+        self._low, self._high = low - slack[:, None], high + slack[:, None]
+        # holes matter where back faces could be left out but for them
+        of_model = [one.caps if one.encloses else np.zeros((0, 3, 3)) for one in clusters]
+        caps = np.concatenate(of_model)
+        self._of_cap = np.repeat(np.arange(len(clusters)), list(map(len, of_model)))
+        self._cap_slack = np.tile(slack[self._of_cap], 3)
+        self._cap_normal = np.cross(caps[:, 1] - caps[:, 0], caps[:, 2] - caps[:, 0])
+        self._cap_offset = np.sum(self._cap_normal * caps[:, 0], axis=1)
+        # homogeneous, (4, 3 B): all first corners, then all second ones
+        self._cap_corners = np.concatenate([caps.T.reshape(3, -1), np.ones((1, 3 * len(caps)))])
+
+    def chosen(self, views: Views) -> dict[Surface, Chosen]:
+        """Return what views keep of each surface."""
+        planes, eye = views.planes, views.eye
+        mask = self.in_frustum(planes)
+        candidates = mask & self.may_face(eye)
+        cull_backs = self.hides_back_faces(eye, planes)
+        mask = np.where(np.repeat(cull_backs, self._sizes, axis=1), candidates, mask)
+        kept, begin = {}, 0
+        for m, (surface, size) in enumerate(zip(self._surfaces, self._sizes, strict=True)):
+            mine = slice(begin, begin + size)
+            to_draw = Selection(surface, mask[:, mine], cull_backs[:, m])
+            kept[surface] = Chosen(to_draw, candidates[:, mine])
+            begin += size
+        return kept
+
+    def in_frustum(self, planes: Floats) -> Bools:
+        """Return which clusters may show inside frusta, (N, C) bool (CropFOV).
+
+        Parameters
+        ----------
+        planes : (N, K, 4) float64
+            Inward unit planes of N frusta in the world: ``planes @ (p, 1) >= 0`` inside.
+        """
+        above = planes[:, 0] @ self._centre
+        for k in range(1, planes.shape[1]):
+            np.minimum(above, planes[:, k] @ self._centre, out=above)
+        return above >= -self._radius
+
+    def may_face(self, eye: Floats) -> Bools:
+        """Return which clusters may hold a face that looks at the eye, (N, C) bool (CropBack).
+
+        Parameters
+        ----------
+        eye : (N, 3) float64
+            Optical centres in the world.
+        """
+        e = np.ones((len(eye), 8))
+        e[:, :3] = e[:, 4:7] = eye - self._middle
+        # the largest n . eye - n . p over the cluster's box of planes (n, -n . p)
+        np.maximum(e[:, :4], 0, out=e[:, :4])
+        np.minimum(e[:, 4:], 0, out=e[:, 4:])
+        return e @ self._plane_box >= -self._slack
+
+    def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
+        """Return from which poses no ray can meet a back face first, (N, M) bool.
+
+        Parameters
+        ----------
+        eye : (N, 3) float64
+            Optical centres in the world.
+        planes : (N, K, 4) float64
+            Frusta as for ``in_frustum``; a cap outside the frustum lets nothing in.
+        """
+        place = eye[:, None]
+        safe = np.any((place < self._low) | (place > self._high), axis=2) & self._encloses
+        if len(self._of_cap):
+            behind = eye @ self._cap_normal.T <= self._cap_offset
+            below = planes.reshape(-1, 4) @ self._cap_corners < -self._cap_slack
+            below = below.reshape(len(eye), -1, 3, len(self._of_cap))
+            view, cap = np.nonzero(~(behind | np.any(below.all(axis=2), axis=1)))
+            safe[view, self._of_cap[cap]] = False
+        return safe
