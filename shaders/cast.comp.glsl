@@ -4,23 +4,24 @@
 // set-up, and this has none. The camera frame here is (right, up, depth along the optical axis)
 // from the eye; rows of pixels count upwards.
 //
-// Without JUDGE every chosen face is cast:
+// Without JUDGE each invocation casts a face of the chosen clusters:
 // out: depth   the nearest distance along the axis a pixel, as bits: those of floats sort alike
-// With JUDGE every chosen face is judged against these depths, and where DRAWN is defined against
-// a drawn depth buffer too: by its pixels (COUNT_PIXELS), or else its centre (LOOK_AT_CENTRE).
-// out: seen    one bit a face
+// With JUDGE each invocation judges all faces of a cluster against these depths, and where DRAWN
+// is defined against a drawn depth buffer too: by their pixels (COUNT_PIXELS), or else by their
+// centres (LOOK_AT_CENTRE). Nobody else writes its word, so that nothing need be atomic.
+// out: seen    a word a cluster, one bit a face
 layout(local_size_x = 64) in;
 
 // Tables, 4096 rows of four words a line; coordinates are the bits of floats.
 layout(binding = 0) uniform usampler2D vertices;    // xyz: world frame relative to the origin
 layout(binding = 1) uniform usampler2D corners;     // xyz: vertex numbers
-layout(binding = 2) uniform usampler2D centroids;   // xyz: as vertices; w: index of the face
+layout(binding = 2) uniform usampler2D centroids;   // xyz: as vertices
 layout(binding = 3) uniform usampler2D normals;     // xyz: unit
 layout(binding = 4) uniform sampler2D drawn;        // OpenGL depth
 
 layout(std430, binding = 0) readonly buffer Clusters { uint clusters[]; };
 layout(std430, binding = 1) buffer Depth { uint depth[]; };
-layout(std430, binding = 2) buffer Seen { uint seen[]; };
+layout(std430, binding = 2) writeonly buffer Seen { uint seen[]; };
 
 layout(std140, binding = 0) uniform View {
     mat4 world_to_camera;
@@ -31,10 +32,10 @@ layout(std140, binding = 0) uniform View {
     float tolerance;            // share of its depth by which something nearer hides a centre
     float cull_backs;           // 1: backs hide nothing
     ivec2 size;                 // of the image, pixels
-    int first_row, first_word;  // of this view in depth and in seen
-    uint first_cluster, n_clusters, n_small;   // in clusters; those with small faces come first
-    uint size_log2;             // faces in one
+    int first_row;              // of this view in depth
     int min_pixels;             // in how many a face must show, at least 1
+    uint first_cluster, n_clusters, n_small;   // in clusters; those with small faces come first
+    uint size_log2;             // faces in one, at most 32
 };
 
 uvec4 row(usampler2D table, uint i) { return texelFetch(table, ivec2(i & 4095u, i >> 12), 0); }
@@ -59,7 +60,63 @@ float turn_of(vec2 a, vec2 b) {
     return turn;
 }
 
-#ifdef JUDGE
+// A face in the image, and the pixels that it may cover.
+struct Triangle {
+    vec2 a, b, c;
+    vec3 nearness;   // 1 / depth, which is linear in the image
+    float side;      // 1 where its front shows, -1 where its back does
+    ivec2 from, to;
+};
+
+Triangle triangle_of(uint face) {
+    uvec4 vertex = row(corners, face);
+    vec3 a = in_camera(row(vertices, vertex.x));
+    vec3 b = in_camera(row(vertices, vertex.y));
+    vec3 c = in_camera(row(vertices, vertex.z));
+    Triangle t;
+    t.nearness = 1.0 / vec3(a.z, b.z, c.z);
+    t.a = pixel_of(a.xy * t.nearness.x);
+    t.b = pixel_of(b.xy * t.nearness.y);
+    t.c = pixel_of(c.xy * t.nearness.z);
+    t.side = sign(turn_of(t.b - t.a, t.c - t.a));
+    t.from = ivec2(clamp(ceil(min(t.a, min(t.b, t.c)) - 0.5), vec2(0.0), vec2(size)));
+    t.to = ivec2(clamp(floor(max(t.a, max(t.b, t.c)) - 0.5), vec2(-1.0), vec2(size - 1)));
+    return t;
+}
+
+// Its distance along the axis in the middle of a pixel, or -1 where it is not. Neighbours see the
+// edge between them with the same numbers, so that no ray slips through.
+float distance_at(Triangle t, ivec2 at) {
+    vec2 middle = vec2(at) + 0.5;
+    vec2 a = t.a - middle, b = t.b - middle, c = t.c - middle;
+    vec3 share = t.side * vec3(turn_of(b, c), turn_of(c, a), turn_of(a, b));
+    float whole = share.x + share.y + share.z;
+    bool hits = min(share.x, min(share.y, share.z)) >= 0.0 && whole > 0.0;
+    precise float distance = whole / dot(share, t.nearness);
+    return hits ? distance : -1.0;
+}
+
+// Software rasterisers skip no branch, but they do leave loops: hence loops of 0 or 1 turns.
+
+#ifndef JUDGE
+void main() {
+    uint i = gl_GlobalInvocationID.x, number = i >> size_log2;
+    uint cluster = clusters[first_cluster + min(number, n_clusters - 1u)];
+    uint face = (cluster << size_log2) + (i & ((1u << size_log2) - 1u));
+    int alive = number < n_clusters ? 1 : 0;
+    for (int once = 0; once < alive; ++once) {
+        Triangle t = triangle_of(face);
+        if (t.side <= 0.0 && cull_backs > 0.5) t.from = size;   // CropBack
+        for (int y = t.from.y; y <= t.to.y; ++y) {
+            for (int x = t.from.x; x <= t.to.x; ++x) {
+                float distance = distance_at(t, ivec2(x, y));
+                uint bits = floatBitsToUint(distance);
+                if (distance > 0.0) atomicMin(depth[(first_row + y) * size.x + x], bits);
+            }
+        }
+    }
+}
+#else
 bool accepts(float distance, vec3 ray, float height) {   // CropNear, maxD, CropNorm by the ray
     return distance >= working_range.x && distance <= working_range.y
         && height >= min_cos.x * distance * length(ray);
@@ -86,67 +143,41 @@ bool shows_centre(vec3 centre, vec3 normal, float height) {
         && accepts(centre.z, centre / centre.z, height)
         && nearest(at) >= plane - tolerance * centre.z;
 }
-#endif
 
-void main() {
-    uint i = gl_GlobalInvocationID.x, number = i >> size_log2;
-    uint cluster = clusters[first_cluster + min(number, n_clusters - 1u)];
-    uint face = (cluster << size_log2) + (i & ((1u << size_log2) - 1u));
-    // Software rasterisers skip no branch, but they do leave loops: hence loops of 0 or 1 turns.
-    int alive = number < n_clusters ? 1 : 0;
-#ifdef JUDGE
-    uvec4 place = row(centroids, face);
-    vec3 centre = in_camera(place);
-    vec3 normal = mat3(world_to_camera) * uintBitsToFloat(row(normals, face).xyz);
-    float height = -dot(normal, centre);   // of the eye above the face's plane
-    if (height <= 0.0 || -normal.z < min_cos.y) alive = 0;   // CropBack, CropNorm by the axis
-    bool is_seen = false;
+bool shows_pixels(uint face, float height) {
+    Triangle t = triangle_of(face);
     int pixels = 0;
-#ifdef LOOK_AT_CENTRE
-    for (int once = 0; once < alive; ++once) is_seen = shows_centre(centre, normal, height);
-#endif
-#ifdef COUNT_PIXELS
-    if (number >= n_small || is_seen) alive = 0;
-#else
-    alive = 0;
-#endif
-#endif
-    for (int once = 0; once < alive; ++once) {
-        uvec4 vertex = row(corners, face);
-        vec3 a = in_camera(row(vertices, vertex.x));
-        vec3 b = in_camera(row(vertices, vertex.y));
-        vec3 c = in_camera(row(vertices, vertex.z));
-        vec3 nearness = 1.0 / vec3(a.z, b.z, c.z);   // linear in the image
-        vec2 pa = pixel_of(a.xy * nearness.x);
-        vec2 pb = pixel_of(b.xy * nearness.y);
-        vec2 pc = pixel_of(c.xy * nearness.z);
-        ivec2 from = ivec2(clamp(ceil(min(pa, min(pb, pc)) - 0.5), vec2(0.0), vec2(size)));
-        ivec2 to = ivec2(clamp(floor(max(pa, max(pb, pc)) - 0.5), vec2(-1.0), vec2(size - 1)));
-        float side = sign(turn_of(pb - pa, pc - pa));
-        if (side <= 0.0 && cull_backs > 0.5) from = size;   // CropBack
-        for (int y = from.y; y <= to.y; ++y) {
-            for (int x = from.x; x <= to.x; ++x) {
-                // Neighbours see the edge between them with the same numbers, so that no ray
-                // slips through.
-                vec2 middle = vec2(x, y) + 0.5;
-                vec2 qa = pa - middle, qb = pb - middle, qc = pc - middle;
-                vec3 share = side * vec3(turn_of(qb, qc), turn_of(qc, qa), turn_of(qa, qb));
-                float whole = share.x + share.y + share.z;
-                bool hits = min(share.x, min(share.y, share.z)) >= 0.0 && whole > 0.0;
-                precise float distance = whole / dot(share, nearness);
-#ifdef JUDGE
-                if (hits && accepts(distance, ray_through(middle), height)
-                    && distance <= nearest(ivec2(x, y)) * (1.0 + 1e-6)) ++pixels;
-                if (pixels >= min_pixels) { x = to.x; y = to.y; }
-#else
-                if (hits) atomicMin(depth[(first_row + y) * size.x + x], floatBitsToUint(distance));
-#endif
-            }
+    for (int y = t.from.y; y <= t.to.y; ++y) {
+        for (int x = t.from.x; x <= t.to.x; ++x) {
+            float distance = distance_at(t, ivec2(x, y));
+            if (distance > 0.0 && accepts(distance, ray_through(vec2(x, y) + 0.5), height)
+                && distance <= nearest(ivec2(x, y)) * (1.0 + 1e-6)) ++pixels;
+            if (pixels >= min_pixels) { x = t.to.x; y = t.to.y; }
         }
     }
-#ifdef JUDGE
-    if (is_seen || pixels >= min_pixels) {
-        atomicOr(seen[uint(first_word) + (place.w >> 5)], 1u << (place.w & 31u));
-    }
-#endif
+    return pixels >= min_pixels;
 }
+
+void main() {
+    uint number = gl_GlobalInvocationID.x;
+    uint at = first_cluster + min(number, n_clusters - 1u);
+    uint first = clusters[at] << size_log2, bits = 0u;
+    for (uint k = 0u; k < 1u << size_log2; ++k) {
+        vec3 centre = in_camera(row(centroids, first + k));
+        vec3 normal = mat3(world_to_camera) * uintBitsToFloat(row(normals, first + k).xyz);
+        float height = -dot(normal, centre);   // of the eye above the face's plane
+        // CropBack, CropNorm by the axis
+        int alive = number < n_clusters && height > 0.0 && -normal.z >= min_cos.y ? 1 : 0;
+        bool is_seen = false;
+#ifdef LOOK_AT_CENTRE
+        for (int once = 0; once < alive; ++once) is_seen = shows_centre(centre, normal, height);
+#endif
+#ifdef COUNT_PIXELS
+        if (is_seen || number >= n_small) alive = 0;
+        for (int once = 0; once < alive; ++once) is_seen = shows_pixels(first + k, height);
+#endif
+        bits |= is_seen ? 1u << k : 0u;
+    }
+    if (number < n_clusters) seen[at] = bits;
+}
+#endif

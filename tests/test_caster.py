@@ -162,10 +162,10 @@ def test_no_poses_make_no_maps():
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("if (hits) atomicMin(", "if (false) atomicMin("),
+        ("if (distance > 0.0) atomicMin(", "if (false) atomicMin("),
         ("++pixels;", ";"),
         ("is_seen = shows_centre", "is_seen = !shows_centre"),
-        ("if (side <= 0.0 &&", "if (side >= 0.0 ||"),
+        ("if (t.side <= 0.0 &&", "if (t.side >= 0.0 ||"),
         ("min(far, ", "max(far, "),
         ("void main", "void mean"),
     ],

@@ -42,7 +42,7 @@ ARROWS = {
     "views": "camera sensor",
     "renderer": "camera clusters context errors glsl surface views",
     "culling": "renderer surface views",
-    "caster": "context renderer surface views",
+    "caster": "clusters context renderer surface views",
     "visibility": "camera scene sensor clusters crops renderer",
     "mapper": "scene sensor caster clusters crops culling renderer surface views visibility",
     "swarm": "box swarm_options",

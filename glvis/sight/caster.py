@@ -3,8 +3,9 @@
 A rasteriser sets up every triangle, and for a triangle of a few pixels that is nearly all of
 its cost. Here each view's clusters are parted by the size of their faces in pixels: the small
 ones are cast, one invocation a face (``shaders/cast.comp.glsl``), the large ones are drawn as
-ever. A second pass judges every face against both depths. Images stay where they are: what is
-read back is one bit a face, and the IDs of drawn faces where pixels count.
+ever. A second pass judges every face against both depths, one invocation a cluster, which has
+its word of bits to itself: atomic operations are slow in software. Images stay where they are:
+what is read back is one bit a face, and the IDs of drawn faces where pixels count.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_context
 from glvis.sight.renderer import Renderer, Selection, faces_in_images
 from glvis.sight.surface import compiled_compute
@@ -46,10 +48,10 @@ _TOLD = np.dtype(
         ("tolerance", "f4"),
         ("cull_backs", "f4"),
         ("size", "i4", 2),
-        ("first_row_and_word", "i4", 2),
-        ("work", "u4", 4),
+        ("first_row", "i4"),
         ("min_pixels", "i4"),
-        ("", "V108"),
+        ("work", "u4", 4),
+        ("", "V112"),
     ]
 )
 
@@ -150,18 +152,19 @@ class Caster:
         large = [one.mask & ~is_small for one, is_small in zip(selections, small, strict=True)]
         is_drawn = any(mask.any() for mask in large)
         with_ids = rules.min_pixels > 0 and is_drawn and bool(large[0].any())
-        words = -(-n_faces // 32)
 
         work = _Work()
         casting = [
-            work.add(one, [one.mask & is_small])
+            work.add(one, [one.mask & is_small], by_face=True)
             for one, is_small in zip(selections, small, strict=True)
         ]
+        n_cast = len(work.clusters)
         to_judge = [candidates & small[0], *[candidates & ~small[0]] * rules.by_centre]
-        judging = work.add(targets, to_judge)
-        self._hold("told", work.told(_told(views, renderer, origin, rules, words)))
-        self._hold("clusters", work.clusters).bind_to_storage_buffer(_CLUSTERS)
-        seen = self._hold("seen", np.zeros((n, words), dtype=np.uint32))
+        judging = work.add(targets, to_judge, by_face=False)
+        self._hold("told", work.told(_told(views, renderer, origin, rules)))
+        listed = work.clusters
+        self._hold("clusters", listed).bind_to_storage_buffer(_CLUSTERS)
+        seen = self._hold("seen", np.zeros_like(listed))
         seen.bind_to_storage_buffer(_SEEN)
         cast = compiled_compute("cast")
         judge = compiled_compute("cast", *rules.defines, *["DRAWN"] * is_drawn)
@@ -192,8 +195,9 @@ class Caster:
             if with_ids:
                 images = renderer.read_ids(len(some))
                 visible[some] = faces_in_images(images, n_faces, rules.min_pixels)
-        bits = np.frombuffer(seen.read(4 * n * words), dtype=np.uint8).reshape(n, -1)
-        visible |= np.unpackbits(bits, axis=1, count=n_faces, bitorder="little").view(bool)
+        words = np.frombuffer(seen.read(listed.nbytes), dtype="<u4") if listed.size else listed
+        of_view = np.repeat(np.arange(n), np.sum(to_judge, axis=(0, 2)))
+        _mark(visible, targets.surface.clusters, of_view, listed[n_cast:], words[n_cast:])
         return visible
 
     def _hold(self, name: str, values: NDArray[Any]) -> Any:
@@ -248,10 +252,14 @@ class _Work:
         told["work"] = np.array([work for _, _, work in self._dispatches]).reshape(-1, 4)
         return told
 
-    def add(self, selection: Selection, masks: list[Bools]) -> list[_Numbers]:
-        """Add chosen clusters of a surface, (N, C) bool each, the first of small faces."""
+    def add(self, selection: Selection, masks: list[Bools], by_face: bool) -> list[_Numbers]:
+        """Add chosen clusters of a surface, (N, C) bool each, the first of small faces.
+
+        ``by_face``: an invocation a face of theirs, not a cluster.
+        """
         size = selection.surface.clusters.size
-        most = _MOST_GROUPS * _GROUP // size
+        each = size if by_face else 1
+        most = _MOST_GROUPS * _GROUP // each
         added: list[_Numbers] = []
         for view in range(len(masks[0])):
             found = [mask[view].nonzero()[0] for mask in masks]
@@ -260,11 +268,35 @@ class _Work:
             for done in range(0, count, most):
                 n, n_small = min(most, count - done), max(0, len(found[0]) - done)
                 work = (self._begin + done, n, n_small, size.bit_length() - 1)
-                added[-1].append((len(self._dispatches), -(-n * size // _GROUP)))
+                added[-1].append((len(self._dispatches), -(-n * each // _GROUP)))
                 self._dispatches.append((view, bool(selection.cull_backs[view]), work))
             self._lists += found
             self._begin += count
         return added
+
+
+def _mark(
+    visible: Bools,
+    clusters: Clusters,
+    of_view: NDArray[np.intp],
+    judged: NDArray[np.uint32],
+    words: NDArray[np.uint32],
+) -> None:
+    """Mark in ``visible`` (N, F), in place, the faces whose bits are set.
+
+    Parameters
+    ----------
+    of_view, judged, words : (n,)
+        The view, the cluster, and one bit for each of its faces.
+    """
+    none = words == 0
+    if none.any():
+        of_view, judged, words = of_view[~none], judged[~none], words[~none]
+    bits = np.unpackbits(
+        words.view(np.uint8).reshape(-1, 4), axis=1, count=clusters.size, bitorder="little"
+    ).view(bool)
+    faces = clusters.order.reshape(-1, clusters.size)[judged]
+    visible.reshape(-1)[(faces + visible.shape[1] * of_view[:, None])[bits]] = True
 
 
 class _Store:
@@ -301,9 +333,7 @@ def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
     return np.where(clusters.model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
 
 
-def _told(
-    views: Views, renderer: Renderer, origin: Floats, rules: Rules, words: int
-) -> NDArray[np.void]:
+def _told(views: Views, renderer: Renderer, origin: Floats, rules: Rules) -> NDArray[np.void]:
     """Return what the shader must know of each view, (N,) of _TOLD."""
     told = _words(_told_of_all(views, tuple(origin.tolist()))).copy().view(_TOLD)[:, 0]
     width, height = renderer.resolution
@@ -312,9 +342,7 @@ def _told(
     told["tolerance"] = rules.tolerance
     told["min_pixels"] = max(rules.min_pixels, 1)
     told["size"] = width, height
-    told["first_row_and_word"] = [
-        (height * (view % renderer.tiles), words * view) for view in range(len(views))
-    ]
+    told["first_row"] = [height * (view % renderer.tiles) for view in range(len(views))]
     return told
 
 

@@ -154,32 +154,24 @@ def _position_layout(
 
 
 def _tables(clusters: Clusters, origin: Floats) -> Iterator[NDArray[np.uint32]]:
-    """Yield rows of four words by vertex, and then by face: corners, centre and index, normal.
+    """Yield rows of three words by vertex, and then by face: corners, centre, normal.
 
     Coordinates are the bits of float32; all in integers, because an index read as a float may
     be flushed to zero.
     """
     model, order = clusters.model, clusters.order
     vertices, faces = _position_layout(clusters, origin)
-    nothing = np.zeros(0, dtype=np.uint32)
-    yield _by_four(vertices["position"].view(np.uint32), nothing)
-    yield _by_four(faces, nothing)
-    yield _by_four((model.centroids[order] - origin).astype(np.float32).view(np.uint32), order)
-    yield _by_four(model.normals[order].astype(np.float32).view(np.uint32), nothing)
-
-
-def _by_four(rows: NDArray[np.uint32], last: NDArray[np.integer]) -> NDArray[np.uint32]:
-    wide = np.zeros((len(rows), 4), dtype=np.uint32)
-    wide[:, :3] = rows
-    wide[: len(last), 3] = last
-    return wide
+    yield vertices["position"].view(np.uint32)
+    yield faces
+    yield (model.centroids[order] - origin).astype(np.float32).view(np.uint32)
+    yield model.normals[order].astype(np.float32).view(np.uint32)
 
 
 def _texture(rows: NDArray[np.uint32]) -> Any:
-    """Return a texture that holds rows (n, 4), TABLE_WIDTH of them side by side."""
+    """Return a texture that holds rows (n, 3), TABLE_WIDTH of them side by side."""
     lines = max(1, -(-len(rows) // TABLE_WIDTH))
     padded = np.zeros((lines * TABLE_WIDTH, 4), dtype=np.uint32)
-    padded[: len(rows)] = rows
+    padded[: len(rows), :3] = rows
     texture = gl_context().texture((TABLE_WIDTH, lines), 4, padded, dtype="u4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
