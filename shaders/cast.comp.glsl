@@ -6,10 +6,11 @@
 //
 // Without JUDGE each invocation casts a face of the chosen clusters:
 // out: depth   the nearest distance along the axis a pixel, as bits: those of floats sort alike
-// With JUDGE each invocation judges all faces of a cluster against these depths, and where DRAWN
-// is defined against a drawn depth buffer too: by their pixels (COUNT_PIXELS), or else by their
-// centres (LOOK_AT_CENTRE). Nobody else writes its word, so that nothing need be atomic.
-// out: seen    a word a cluster, one bit a face
+// With JUDGE faces are judged against these depths, and where DRAWN is defined against a drawn depth
+// buffer too: each invocation one by its pixels (COUNT_PIXELS), or all of a cluster by their
+// centres (LOOK_AT_CENTRE); then nobody else writes its word, and no operation need be atomic.
+// Where both are defined, a face is seen by either.
+// out: seen    a word a cluster, one bit a face; 0 before
 layout(local_size_x = 64) in;
 
 // Tables, 4096 rows of four words a line; coordinates are the bits of floats.
@@ -21,7 +22,7 @@ layout(binding = 4) uniform sampler2D drawn;        // OpenGL depth
 
 layout(std430, binding = 0) readonly buffer Clusters { uint clusters[]; };
 layout(std430, binding = 1) buffer Depth { uint depth[]; };
-layout(std430, binding = 2) writeonly buffer Seen { uint seen[]; };
+layout(std430, binding = 2) buffer Seen { uint seen[]; };
 
 layout(std140, binding = 0) uniform View {
     mat4 world_to_camera;
@@ -158,26 +159,35 @@ bool shows_pixels(uint face, float height) {
     return pixels >= min_pixels;
 }
 
-void main() {
-    uint number = gl_GlobalInvocationID.x;
-    uint at = first_cluster + min(number, n_clusters - 1u);
-    uint first = clusters[at] << size_log2, bits = 0u;
-    for (uint k = 0u; k < 1u << size_log2; ++k) {
-        vec3 centre = in_camera(row(centroids, first + k));
-        vec3 normal = mat3(world_to_camera) * uintBitsToFloat(row(normals, first + k).xyz);
-        float height = -dot(normal, centre);   // of the eye above the face's plane
-        // CropBack, CropNorm by the axis
-        int alive = number < n_clusters && height > 0.0 && -normal.z >= min_cos.y ? 1 : 0;
-        bool is_seen = false;
+bool is_seen(uint face, bool is_small) {
+    vec3 centre = in_camera(row(centroids, face));
+    vec3 normal = mat3(world_to_camera) * uintBitsToFloat(row(normals, face).xyz);
+    float height = -dot(normal, centre);   // of the eye above the face's plane
+    int alive = height > 0.0 && -normal.z >= min_cos.y ? 1 : 0;   // CropBack, CropNorm by the axis
+    bool shows = false;
 #ifdef LOOK_AT_CENTRE
-        for (int once = 0; once < alive; ++once) is_seen = shows_centre(centre, normal, height);
+    for (int once = 0; once < alive; ++once) shows = shows_centre(centre, normal, height);
 #endif
 #ifdef COUNT_PIXELS
-        if (is_seen || number >= n_small) alive = 0;
-        for (int once = 0; once < alive; ++once) is_seen = shows_pixels(first + k, height);
+    if (shows || !is_small) alive = 0;
+    for (int once = 0; once < alive; ++once) shows = shows_pixels(face, height);
 #endif
-        bits |= is_seen ? 1u << k : 0u;
-    }
-    if (number < n_clusters) seen[at] = bits;
+    return shows;
 }
+
+#ifdef COUNT_PIXELS
+void main() {
+    uint number = first_cluster + min(gl_GlobalInvocationID.x >> size_log2, n_clusters - 1u);
+    uint k = gl_GlobalInvocationID.x & ((1u << size_log2) - 1u);
+    bool is_small = number < first_cluster + n_small;
+    if (is_seen((clusters[number] << size_log2) + k, is_small)) atomicOr(seen[number], 1u << k);
+}
+#else
+void main() {
+    uint number = first_cluster + min(gl_GlobalInvocationID.x, n_clusters - 1u);
+    uint first = clusters[number] << size_log2, bits = 0u;
+    for (uint k = 0u; k < 1u << size_log2; ++k) bits |= is_seen(first + k, false) ? 1u << k : 0u;
+    seen[number] = bits;
+}
+#endif
 #endif

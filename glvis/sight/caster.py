@@ -3,9 +3,10 @@
 A rasteriser sets up every triangle, and for a triangle of a few pixels that is nearly all of
 its cost. Here each view's clusters are parted by the size of their faces in pixels: the small
 ones are cast, one invocation a face (``shaders/cast.comp.glsl``), the large ones are drawn as
-ever. A second pass judges every face against both depths, one invocation a cluster, which has
-its word of bits to itself: atomic operations are slow in software. Images stay where they are:
-what is read back is one bit a face, and the IDs of drawn faces where pixels count.
+ever. A second pass judges every face against both depths; by their centres alone, one invocation
+judges a cluster and has its word of bits to itself, for atomic operations are slow in software.
+Images stay where they are: what is read back is one bit a face, and the IDs of drawn faces where
+pixels count.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ class Caster:
         ]
         n_cast = len(work.clusters)
         to_judge = [candidates & small[0], *[candidates & ~small[0]] * rules.by_centre]
-        judging = work.add(targets, to_judge, by_face=False)
+        judging = work.add(targets, to_judge, by_face=rules.min_pixels > 0)
         self._hold("told", work.told(_told(views, renderer, origin, rules)))
         listed = work.clusters
         self._hold("clusters", listed).bind_to_storage_buffer(_CLUSTERS)
