@@ -168,6 +168,57 @@ def test_a_worker_killed_among_maps_is_done_without(dask, study, jobs):
     assert maps.warnings == [lost("bob")]
 
 
+@pytest.fixture
+def hanging(dask):
+    """Let a worker by name be at something for ever; it still answers the scheduler."""
+
+    def hang():
+        from threading import Event
+
+        from glvis.optim import remote
+
+        remote.gate = Event()
+        remote._thread.submit(remote.gate.wait)
+
+    def go_on():
+        from glvis.optim import remote
+
+        if hasattr(remote, "gate"):
+            remote.gate.set()
+
+    def run(name):
+        workers = dask.client.scheduler_info(n_workers=-1)["workers"]
+        dask.client.run(hang, workers=[a for a, there in workers.items() if there["name"] == name])
+
+    yield run
+    dask.client.run(go_on)
+
+
+def test_a_worker_that_hangs_is_helped_and_given_no_more(dask, study, jobs, hanging):
+    dask.have("ann", "bob")
+    maps = ClusterMaps(MapScene.of(study), dask.address, patience_job=0.5)
+    while len(maps._warm) < 2:
+        list(maps.make(jobs))
+    hanging("bob")
+    assert_same_maps(list(maps.make(jobs)), study, jobs)
+    (warning,) = maps.warnings
+    assert warning.startswith("worker bob did not answer for ")
+    maps._warm.clear()
+    assert_same_maps(list(maps.make(jobs)), study, jobs)
+    assert maps.warnings == [warning] and len(maps._warm) == 1
+    maps.release()
+
+
+def test_a_worker_that_hangs_alone_ends_the_run(dask, study, jobs, hanging):
+    dask.have("ann")
+    maps = ClusterMaps(MapScene.of(study), dask.address, patience=3.0, patience_job=0.5)
+    list(maps.make(jobs))
+    hanging("ann")
+    with pytest.raises(MachineError, match=f"{dask.address}: none of 1 workers answered for 3"):
+        list(maps.make(jobs))
+    maps.release()
+
+
 def test_search_on_a_cluster_that_loses_a_worker_ends_as_on_one_machine(dask, study):
     dask.have("ann", "bob")
     seen = []

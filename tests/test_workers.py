@@ -17,7 +17,7 @@ from glvis.errors import MachineError
 from glvis.inputs.study import load_study
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.placement import place_sensors
-from glvis.optim.workers import Workers, available_cores
+from glvis.optim.workers import Workers, available_cores, patience_with
 from glvis.sight.maps import MapJob, MapScene
 
 
@@ -113,6 +113,20 @@ def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, jobs):
     (warning,) = workers.warnings
     assert warning.startswith("worker 2 did not answer for ")
     assert frozen.returncode == -signal.SIGKILL
+
+
+@pytest.mark.parametrize(
+    ("poses", "slowest", "seconds"),
+    [
+        (32, 0.0, 300.0),  # nothing is known yet
+        (32, 0.001, 30.0),
+        (32, 0.1, 20 * 3.2),  # twenty times the longest job, pose for pose
+        (4, 0.1, 30.0),
+        (128, 1.0, 540.0),
+    ],
+)
+def test_patience_is_a_multiple_of_the_longest_job_within_limits(poses, slowest, seconds):
+    assert patience_with(poses, slowest) == pytest.approx(seconds)
 
 
 def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):

@@ -21,14 +21,15 @@ from uuid import uuid4
 import numpy as np
 
 from glvis.errors import MachineError, StudyError
-from glvis.optim.workers import shared_out
+from glvis.optim.workers import PATIENCE as PATIENCE_JOB
+from glvis.optim.workers import patience_with, shared_out
 from glvis.sight.maps import Bits, MapJob, MapScene
 
 if TYPE_CHECKING:
     from glvis.optim.remote import Answer
 
-# Seconds without any answer after which a cluster is given up. dask itself gives up a worker that
-# falls silent after 300 s (its worker-ttl) and lets the others take over: that must come first.
+# Seconds without any answer after which a cluster is given up: before that, others take over from
+# a worker that hangs (PATIENCE_MOST at most) or falls silent (dask's worker-ttl, 300 s).
 PATIENCE = 600.0
 PATIENCE_START = 60.0  # seconds to wait for a first worker, where nothing is lost yet
 _TO_CONNECT = 10.0  # seconds
@@ -52,6 +53,8 @@ class ClusterMaps:
         Seconds without any answer after which the cluster is given up.
     patience_start : float, optional
         Seconds to wait for a first worker.
+    patience_job : float, optional
+        Seconds without an answer after which a worker counts as hung, at least.
 
     Attributes
     ----------
@@ -79,6 +82,7 @@ class ClusterMaps:
         *,
         patience: float = PATIENCE,
         patience_start: float = PATIENCE_START,
+        patience_job: float = PATIENCE_JOB,
     ) -> None:
         if not _ADDRESS.fullmatch(address):
             raise StudyError(
@@ -89,7 +93,11 @@ class ClusterMaps:
         self.names: Sequence[str] = ()
         self.warnings: list[str] = []
         self._distributed, self._remote = _imported()
-        self._patience = patience_start
+        self._patience, self._patience_job = patience_start, patience_job
+        self._slowest = 0.0  # seconds a pose
+        self._warm: set[str] = set()  # addresses of workers that have answered
+        self._hung: set[str] = set()  # of those that are given no more
+        self._stuck: list[Any] = []  # futures of what those hold: so dask sees that they are busy
         self._heard = time.monotonic()
         self._crew: dict[str, str] = {}  # names by address, of those that are there
         self._run, self._number = uuid4().hex, count()  # names of tasks, no two the same
@@ -109,7 +117,7 @@ class ClusterMaps:
                 time.sleep(_TICK / 10)
                 self._look_round()
             self._patience = patience
-            ((_, self.gl, _),) = next(self._answers([None])).values()
+            ((_, self.gl, _, _),) = next(self._answers([None])).values()
         except BaseException:
             self.release()
             raise
@@ -129,7 +137,7 @@ class ClusterMaps:
         made: dict[int, Bits] = {}
         for begin, end in spans:
             while not all(part in made for part in range(begin, end)):
-                for part, (worker, gl, bits) in next(answers).items():
+                for part, (worker, gl, bits, _) in next(answers).items():
                     made[part] = bits
                     if gl != self.gl:
                         self._warn(
@@ -197,32 +205,87 @@ class ClusterMaps:
 
     def _answers(self, jobs: Sequence[MapJob | None]) -> Iterator[dict[int, Answer]]:
         """Yield the answers to jobs as they come, by their number."""
-        keys = [(f"glvis-maps-{self._run}", next(self._number)) for _ in jobs]
-        shared = {"scene": self._scene, "versions": self._remote.VERSIONS, "pure": False}
-        submit = partial(self._client.map, self._remote.draw, list(jobs), key=keys, **shared)
-        futures = dict(enumerate(self._asked(submit)))
-        done: SimpleQueue[int] = SimpleQueue()
-        for number, future in futures.items():
-            future.add_done_callback(lambda _, number=number: done.put(number))
+        call = _Call(jobs)
+        self._submit(call, list(call.jobs))
         self._heard = time.monotonic()
-        while futures:
-            ready = self._ready(done)
-            answers = self._gathered([futures.pop(number) for number in ready])
+        while call.jobs:
+            ready = self._ready(call)
+            answers = self._gathered(list(ready.values()))
             self._heard = time.monotonic()
-            if not futures:  # who was lost on the way is a warning of this call
+            for number, (worker, _, bits, seconds) in zip(ready, answers, strict=True):
+                del call.jobs[number]
+                call.since.pop(worker, None)
+                self._warm.add(worker)
+                if len(bits):
+                    self._slowest = max(self._slowest, seconds / len(bits))
+            if not call.jobs:  # who was lost on the way is a warning of this call
                 self._look_round()
             yield dict(zip(ready, answers, strict=True))
 
-    def _ready(self, done: SimpleQueue[int]) -> list[int]:
-        """Wait for numbers of answers."""
+    def _submit(self, call: _Call, numbers: Sequence[int]) -> None:
+        """Give jobs of a call to the cluster, to workers that do not hang if there are any."""
+        keys = [(f"glvis-maps-{self._run}", next(self._number)) for _ in numbers]
+        able = sorted(self._crew.keys() - self._hung) or None
+        submit = partial(
+            self._client.map,
+            self._remote.draw,
+            [call.jobs[number] for number in numbers],
+            key=keys,
+            workers=able if self._hung else None,
+            allow_other_workers=bool(able and self._hung),
+            scene=self._scene,
+            versions=self._remote.VERSIONS,
+            pure=False,
+        )
+        for number, future in zip(numbers, self._asked(submit), strict=True):
+            call.futures[number] = future
+            future.add_done_callback(lambda one, number=number: call.done.put((number, one)))
+
+    def _ready(self, call: _Call) -> dict[int, Any]:
+        """Wait for answers; return their futures by number."""
         while True:
             with suppress(Empty):
-                ready = [done.get(timeout=_TICK)]
-                while not done.empty():
-                    ready.append(done.get())
-                return ready
+                found = [call.done.get(timeout=_TICK)]
+                while not call.done.empty():
+                    found.append(call.done.get())
+                # what hung may answer after all, when another has answered, too
+                if ready := {number: one for number, one in found if number in call.jobs}:
+                    return ready
+                continue
             self._look_round()
+            self._help(call)
             self._check_patience()
+
+    def _help(self, call: _Call) -> None:
+        """Let others make what a worker has held for too long, and give it no more.
+
+        Silence is measured where nobody answers: while others do, it holds nothing up.
+        """
+        now = time.monotonic()
+        number_of = {future.key: number for number, future in call.futures.items()}
+        holds = {
+            address: mine
+            for address, keys in self._asked(self._client.processing).items()
+            if (mine := [n for key in keys if (n := number_of.get(key)) in call.jobs])
+        }
+        call.since = {address: call.since.get(address, now) for address in holds}
+        for address, numbers in holds.items():
+            poses = sum(len(call.jobs[number] or ()) for number in numbers)
+            slowest = self._slowest if address in self._warm else 0.0
+            waited = now - call.since[address]
+            if waited < patience_with(poses, slowest, self._patience_job):
+                continue
+            if not self._crew.keys() - self._hung - {address}:
+                continue  # nobody is left to help
+            self._hung.add(address)
+            self._stuck += [call.futures[number] for number in numbers]
+            name = self._crew.get(address, address)
+            self._warn(
+                f"worker {name} did not answer for {waited:.3g} s and is given no more; its maps "
+                "were made again by others"
+            )
+            self._submit(call, numbers)
+            self._heard = now
 
     def _gathered(self, futures: list[Any]) -> list[Answer]:
         """Return what futures hold; dask makes again what was lost on its way."""
@@ -264,6 +327,16 @@ class ClusterMaps:
             f"{self.address}: {who} for {time.monotonic() - self._heard:.3g} s; start some by: "
             f"dask worker {self.address} --nthreads 1"
         )
+
+
+class _Call:
+    """Jobs that wait for an answer, and how it will come."""
+
+    def __init__(self, jobs: Sequence[MapJob | None]) -> None:
+        self.jobs = dict(enumerate(jobs))
+        self.futures: dict[int, Any] = {}  # the latest of each
+        self.done: SimpleQueue[tuple[int, Any]] = SimpleQueue()  # numbers and futures
+        self.since: dict[str, float] = {}  # when workers were seen to hold jobs without an answer
 
 
 def _imported() -> tuple[Any, Any]:

@@ -8,6 +8,7 @@ dask drops copies of data that no task is waiting for.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -20,7 +21,8 @@ from glvis.errors import MachineError
 from glvis.sight.context import GlInfo
 from glvis.sight.maps import Bits, LocalMaps, MapJob, MapScene
 
-Answer = tuple[str, GlInfo, Bits]  # address of the worker, who draws there, maps
+# Address of the worker, who draws there, maps, the seconds they took.
+Answer = tuple[str, GlInfo, Bits, float]
 
 VERSIONS = {"glvis": __version__, "numpy": np.__version__}  # what decides the bits of maps
 _PREFIX = "glvis-scene-"
@@ -86,11 +88,12 @@ def draw(job: MapJob | None, scene: str, versions: Mapping[str, str]) -> Answer:
     worker = get_worker()
     who = f"worker {worker.name}"
     compare_versions(who, VERSIONS, versions)
+    began = time.monotonic()
     try:
         gl, bits = worker.plugins[scene].draw(job)
     except (MachineError, OSError) as error:
         raise MachineError(f"{who}: {error}") from error
-    return worker.address, gl, bits
+    return worker.address, gl, bits, time.monotonic() - began
 
 
 def compare_versions(

@@ -27,9 +27,9 @@ from glvis.errors import MachineError
 from glvis.sight.context import GlInfo
 from glvis.sight.maps import Bits, MapJob, MapScene
 
-# Seconds that a worker may take before it counts as hung: to start, and for a job at least;
-# and how often longer than any job before, map for map.
-PATIENCE_START, PATIENCE, PATIENCE_FACTOR = 300.0, 60.0, 30.0
+# Seconds that a worker may take before it counts as hung: to start, for a job at least, and at
+# most; between the two, so many times longer than any job before, pose for pose.
+PATIENCE_START, PATIENCE, PATIENCE_MOST, PATIENCE_FACTOR = 300.0, 30.0, 540.0, 20.0
 _MOST_DEATHS = 3  # in a row at the start, or over the same maps: then it is no accident
 _AHEAD = 2  # jobs that a worker holds, so that it need not wait for the next one
 # Poses a job: many enough that sending them costs nothing, few enough to share them out evenly;
@@ -84,6 +84,16 @@ def shared_out(
     return parts, spans
 
 
+def patience_with(poses: int, slowest: float, least: float = PATIENCE) -> float:
+    """Return the seconds after which a worker that is at so many poses counts as hung.
+
+    ``slowest`` is the longest that a pose has taken, seconds; 0 where none is known.
+    """
+    if not slowest:
+        return PATIENCE_START
+    return min(PATIENCE_MOST, max(least, PATIENCE_FACTOR * slowest * poses))
+
+
 class Workers:
     """Processes that make maps; used as an Evaluator's ``maps``.
 
@@ -123,7 +133,7 @@ class Workers:
         self._least = -(-_LEAST // len(scene.models))
         self._scene = pickle.dumps(scene, protocol=pickle.HIGHEST_PROTOCOL)
         self._patience = patience
-        self._slowest = 0.0  # seconds a map
+        self._slowest = 0.0  # seconds a pose
         self._deaths_at_start = 0
         self._call = 0  # so that answers to a call that nobody waits for any more are known
         self._gl: GlInfo | None = None
@@ -196,8 +206,8 @@ class Workers:
             return worker.since + max(PATIENCE_START, self._patience)
         if not worker.holds:
             return float("inf")
-        maps = len(worker.holds[0][1])
-        return worker.since + max(self._patience, PATIENCE_FACTOR * self._slowest * maps)
+        poses = len(worker.holds[0][1])
+        return worker.since + patience_with(poses, self._slowest, self._patience)
 
     def _take(self, worker: _Worker, tag: Any, answer: Any, call: _Call) -> None:
         """Deal with what a worker says."""
