@@ -16,6 +16,7 @@ import typer
 from glvis import __version__
 from glvis.cli_options import (
     DryRun,
+    NoMeshes,
     NoPictures,
     Output,
     Overwrite,
@@ -162,6 +163,7 @@ def evaluate(
     overrides: Set = None,
     overwrite: Overwrite = False,
     no_pictures: NoPictures = False,
+    no_meshes: NoMeshes = False,
 ) -> None:
     """Say what the start poses, or given ones, see; nothing is searched.
 
@@ -182,7 +184,9 @@ def evaluate(
     with result_folder(output, overwrite=overwrite) as folder:
         placement = evaluate_poses(loaded, given)
         _say_that_pictures_come(not no_pictures)
-        failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
+        failures = deliver(
+            placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes
+        )
     for line in result_lines(placement):
         say(line)
     for warning in [*warnings, *failures]:
@@ -245,6 +249,7 @@ def optimize(
     sweep: Sweep = None,
     dry_run: DryRun = False,
     no_pictures: NoPictures = False,
+    no_meshes: NoMeshes = False,
 ) -> None:
     r"""Search the poses that see most.
 
@@ -300,7 +305,7 @@ def optimize(
         optimize_many(
             directory, early, settings, search, sweeps=sweep or (), repeats=repeats,
             dry_run=dry_run, resume=resume is not None, extend=extend, overwrite=overwrite,
-            warnings=_warnings, pictures=not no_pictures,
+            warnings=_warnings, pictures=not no_pictures, meshes=not no_meshes,
         )  # fmt: skip
         return
     assert directory
@@ -313,7 +318,9 @@ def optimize(
             say(f"Warning: {warning}", error=True)
         placement = search(loaded, folder.checkpoint, resume is not None)
         _say_that_pictures_come(not no_pictures)
-        failures = deliver(placement, folder, warnings=warnings, pictures=not no_pictures)
+        failures = deliver(
+            placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes
+        )
     for line in result_lines(placement):
         say(line)
     for warning in [*placement.warnings, *failures]:

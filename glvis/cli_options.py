@@ -28,6 +28,13 @@ Overwrite = Annotated[
 NoPictures = Annotated[
     bool, typer.Option("--no-pictures", help="Leave the pictures out; 'render' makes them later.")
 ]
+NoMeshes = Annotated[
+    bool,
+    typer.Option(
+        "--no-meshes",
+        help="Leave the coloured meshes (PLY, glTF) out of exports/: about 85 bytes a face.",
+    ),
+]
 Repeats = Annotated[
     int | None,
     typer.Option(min=1, help="Runs with this many seeds; says how much their results differ."),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,7 @@ def optimize_many(
     overwrite: bool,
     warnings: Callable[[Study], list[str]],
     pictures: bool,
+    meshes: bool,
 ) -> None:
     """Do what ``optimize`` does, for many runs; exit code 1 where pictures failed."""
     from glvis.inputs.sweep import plan_runs
@@ -64,16 +66,21 @@ def optimize_many(
         return
     assert directory
     teller = _Teller(plan, search, warnings)
+    run_all = partial(
+        run_series,
+        directory,
+        plan,
+        teller.search,
+        warnings=teller.warnings,
+        on_run=teller.begins,
+        meshes=meshes,
+    )
     if resume:
-        done = run_series(
-            directory, plan, teller.search, warnings=teller.warnings, on_run=teller.begins
-        )
+        done = run_all()
     else:
         assert study
         with series_folder(directory, plan, study.text, overwrite=overwrite):
-            done = run_series(
-                directory, plan, teller.search, warnings=teller.warnings, on_run=teller.begins
-            )
+            done = run_all()
     _finish(directory, plan, pictures and done)
 
 

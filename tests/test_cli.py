@@ -123,6 +123,29 @@ def test_evaluate_writes_what_the_start_sees(glvis_cli, study, tmp_path):
     )]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("command", "below"),
+    [
+        (["evaluate"], "."),
+        (["optimize"], "."),
+        (["optimize", "--repeats", "1"], "run-01"),
+    ],
+)
+def test_coloured_meshes_can_be_left_out(glvis_cli, study, tmp_path, command, below):
+    out = tmp_path / "out"
+    code, _, _ = glvis_cli(*command, study, "-o", out, "--no-pictures", "--no-meshes")
+    assert code == 0
+    exports = files_below(out / below / "exports")
+    meshes = {name for name in DATA if name.endswith((".ply", ".glb"))}
+    assert len(meshes) == 3
+    assert {f"exports/{name}" for name in exports} == {
+        name for name in DATA if name.startswith("exports/")
+    } - meshes
+    text = (out / below / "exports" / "README.txt").read_text()
+    assert "colmap/" in text and ".ply" not in text and ".glb" not in text
+    assert "SURFACES = []" in (out / below / "exports" / "blender_scene.py").read_text()
+
+
 def test_evaluate_takes_the_poses_of_another_result(glvis_cli, study, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     glvis_cli("optimize", study, "-o", one, "--no-pictures", "--seed", "5")

@@ -48,6 +48,7 @@ def deliver(
     *,
     warnings: Sequence[str] = (),
     pictures: bool = True,
+    meshes: bool = True,
 ) -> list[str]:
     """Write everything of a placement into a folder that is still to be committed.
 
@@ -61,8 +62,8 @@ def deliver(
         Where it goes.
     warnings : sequence of str
         Sentences to keep with the result.
-    pictures : bool
-        Whether to make the pictures.
+    pictures, meshes : bool
+        Whether to make the pictures, and coloured meshes for other tools.
 
     Returns
     -------
@@ -77,7 +78,7 @@ def deliver(
     failures = []
     try:
         write_data(placement, folder.staging)
-        _write_for_others(placement, folder.staging)
+        _write_for_others(placement, folder.staging, meshes)
         write_page(folder.staging / PAGE, page_data(placement))
         if pictures:
             failures = _tried(placement, folder)
@@ -132,14 +133,15 @@ def write_pictures(placement: Placement, directory: Path, look: Look | None = No
     )
 
 
-def _write_for_others(placement: Placement, directory: Path) -> None:
+def _write_for_others(placement: Placement, directory: Path, meshes: bool) -> None:
     """Write what installers and other tools read."""
     text = "\n".join(mounting_lines(placement)) + "\n"
     (directory / MOUNTING).write_text(text, encoding="utf-8")
     write_poses(placement, directory / POSES)
     (directory / EXPORTS).mkdir()
-    write_exports(placement, directory / EXPORTS)
-    write_surfaces(placement, directory / EXPORTS)
+    write_exports(placement, directory / EXPORTS, meshes=meshes)
+    if meshes:
+        write_surfaces(placement, directory / EXPORTS)
 
 
 def summary_of_files(directory: Path) -> str:

@@ -24,7 +24,7 @@ from glvis.outputs.result import sensor_poses
 from glvis.outputs.rotations import BODY, OPTICAL, quaternion, roll_pitch_yaw
 
 _README = """\
-Poses and surfaces for other tools. Lengths are in {unit} unless a line says otherwise; the world
+For other tools. Lengths are in {unit} unless a line says otherwise; the world
 is the frame of the mesh files.
 
 ../poses.csv           position, unit direction, angles and quaternion of the camera axes (x right,
@@ -35,6 +35,8 @@ ros/static_transforms.sh  ros2 static_transform_publisher, metres, to optical fr
                        y down, z ahead)
 ros/sensors.urdf       the same as fixed joints, with body frames (x ahead, y left, z up)
 blender_scene.py       blender --python blender_scene.py: surfaces, cameras, look_through("NAME")
+"""
+_README_MESHES = """\
 scene.glb              glTF, metres and +Y up: models coloured by sensor, cameras, frusta;
                        one glTF scene a model
 *.ply                  each surface with a colour a face: that of the sensor that sees it most
@@ -73,14 +75,17 @@ def write_poses(placement: Placement, path: Path) -> None:
         writer.writerows(rows)
 
 
-def write_exports(placement: Placement, directory: Path) -> None:
-    """Write what COLMAP, ROS and Blender read into an existing folder."""
+def write_exports(placement: Placement, directory: Path, *, meshes: bool = True) -> None:
+    """Write what COLMAP, ROS and Blender read into an existing folder, for meshes or without."""
     study = placement.study
     up = ", ".join(f"{value:g}" for value in study.up)
-    (directory / "README.txt").write_text(_README.format(unit=study.unit, up=up), encoding="utf-8")
+    text = _README.format(unit=study.unit, up=up) + (_README_MESHES if meshes else "")
+    (directory / "README.txt").write_text(text, encoding="utf-8")
     _write_colmap(placement, directory / "colmap")
     _write_ros(placement, directory / "ros")
-    (directory / "blender_scene.py").write_text(_blender_script(placement), encoding="utf-8")
+    (directory / "blender_scene.py").write_text(
+        _blender_script(placement, surface_names(study) if meshes else []), encoding="utf-8"
+    )
 
 
 def pinhole(study: Study, s: int) -> dict[str, float]:
@@ -217,7 +222,7 @@ main()
 '''
 
 
-def _blender_script(placement: Placement) -> str:
+def _blender_script(placement: Placement, surfaces: list[str]) -> str:
     study = placement.study
     sensors = []
     colors = sensor_colors(len(study.sensors)) / 255
@@ -245,7 +250,7 @@ def _blender_script(placement: Placement) -> str:
         title=_one_line(study.title).replace("\\", "/").replace('"', "'"),
         unit=study.unit,
         metres=MM_PER_UNIT[study.unit] / 1000,
-        surfaces=surface_names(study),
+        surfaces=surfaces,
         sensors="".join(f"    {sensor!r},\n" for sensor in sensors).rstrip(),
     )
 

@@ -114,6 +114,7 @@ def run_series(
     *,
     warnings: Callable[[Study], Sequence[str]],
     on_run: Callable[[PlannedRun], None] | None = None,
+    meshes: bool = True,
 ) -> bool:
     """Run what has not finished yet; return whether all runs have now.
 
@@ -131,6 +132,8 @@ def run_series(
         Says what to keep with the result of a study, before its search begins.
     on_run : callable, optional
         Is told each run before it begins.
+    meshes : bool
+        Whether each result has coloured meshes.
 
     Raises
     ------
@@ -153,7 +156,7 @@ def run_series(
                     folder.keep_study(study.text)
                 sentences = warnings(study)
                 placement = search(study, folder.checkpoint, resume)
-                deliver(placement, folder, warnings=sentences, pictures=False)
+                deliver(placement, folder, warnings=sentences, pictures=False, meshes=meshes)
             write_series(directory, plan)
         except KeyboardInterrupt:
             return False
