@@ -17,7 +17,7 @@ from glvis.errors import MachineError
 from glvis.inputs.study import load_study
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.placement import place_sensors
-from glvis.optim.workers import Workers, available_cores, patience_with
+from glvis.optim.workers import Workers, available_cores, patience_with, shared_out
 from glvis.sight.maps import MapJob, MapScene
 
 
@@ -77,6 +77,20 @@ def test_search_finds_the_same_with_any_number_of_workers(study):
     assert [row[:-1] for row in alone.trace] == [row[:-1] for row in together.trace]
     for one, other in zip(alone.maps, together.maps, strict=True):
         assert np.array_equal(one.visible, other.visible)
+
+
+def test_jobs_are_shared_out_whole_in_parts_that_become_smaller(jobs):
+    for workers, least, most in ((1, 1, 1000), (2, 1, 10), (3, 4, 8)):
+        parts, spans = shared_out(jobs, workers, least, most)
+        for job, (begin, end) in zip(jobs, spans, strict=True):
+            mine = parts[begin:end]
+            assert {part.sensor for part in mine} == {job.sensor}
+            poses = np.concatenate([part.camera_to_world for part in mine])
+            assert np.array_equal(poses, job.camera_to_world)
+        sizes = [len(part) for part in parts]
+        assert max(sizes) <= most and all(size <= least for size in sizes[-workers:])
+        inner = [size for begin, end in spans for size in sizes[begin : end - 1]]
+        assert inner == sorted(inner, reverse=True) and inner[-1] >= least
 
 
 def killed(process):

@@ -70,16 +70,20 @@ def shared_out(
     jobs : sequence of MapJob
         Of any size.
     workers : int
-        How many share them; each gets four parts at least, so that they end together,
+        How many share them. A part is a quarter of one's share of what is left: parts become
+        smaller towards the end, so that all workers end together,
     least, most : int
         but no parts of fewer poses than ``least``, nor of more than ``most``.
     """
-    size = max(least, min(most, -(-sum(map(len, jobs)) // (4 * workers))))
+    left = sum(map(len, jobs))
     parts: list[MapJob] = []
     spans = []
     for job in jobs:
-        begin = len(parts)
-        parts += job.parts(size)
+        begin, first = len(parts), 0
+        while first < len(job):
+            size = max(least, min(most, -(-left // (4 * workers))))
+            parts.append(job[first : first + size])
+            first, left = first + size, left - len(parts[-1])
         spans.append((begin, len(parts)))
     return parts, spans
 

@@ -54,12 +54,12 @@ class MapJob:
     def __len__(self) -> int:
         return len(self.camera_to_world)
 
+    def __getitem__(self, some: slice) -> MapJob:
+        return MapJob(self.sensor, self.camera_to_world[some])
+
     def parts(self, most: int) -> list[MapJob]:
         """Return the same maps as jobs of at most ``most`` poses."""
-        return [
-            MapJob(self.sensor, self.camera_to_world[first : first + most])
-            for first in range(0, len(self), most)
-        ]
+        return [self[first : first + most] for first in range(0, len(self), most)]
 
 
 @dataclass(frozen=True, eq=False)
