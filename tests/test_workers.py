@@ -80,7 +80,7 @@ def test_search_finds_the_same_with_any_number_of_workers(study):
 
 
 def test_jobs_are_shared_out_whole_in_parts_that_become_smaller(jobs):
-    for workers, least, most in ((1, 1, 1000), (2, 1, 10), (3, 4, 8)):
+    for workers, least, most in ((1, 2, 1000), (2, 1, 10), (3, 4, 8)):
         parts, spans = shared_out(jobs, workers, least, most)
         for job, (begin, end) in zip(jobs, spans, strict=True):
             mine = parts[begin:end]
@@ -88,9 +88,15 @@ def test_jobs_are_shared_out_whole_in_parts_that_become_smaller(jobs):
             poses = np.concatenate([part.camera_to_world for part in mine])
             assert np.array_equal(poses, job.camera_to_world)
         sizes = [len(part) for part in parts]
-        assert max(sizes) <= most and all(size <= least for size in sizes[-workers:])
+        assert max(sizes) <= most and max(sizes[-workers:]) <= least
         inner = [size for begin, end in spans for size in sizes[begin : end - 1]]
-        assert inner == sorted(inner, reverse=True) and inner[-1] >= least
+        assert inner == sorted(inner, reverse=True) and min(inner) >= least
+
+
+def test_few_poses_are_shared_out_evenly(jobs):
+    for n, expected in ((6, [3, 3]), (11, [6, 5]), (1, [1]), (16, [8, 8])):
+        parts, _ = shared_out([jobs[0][:n]], 2, 1, 32)
+        assert [len(part) for part in parts] == expected
 
 
 def killed(process):

@@ -32,9 +32,11 @@ from glvis.sight.maps import Bits, MapJob, MapScene
 PATIENCE_START, PATIENCE, PATIENCE_MOST, PATIENCE_FACTOR = 300.0, 30.0, 540.0, 20.0
 _MOST_DEATHS = 3  # in a row at the start, or over the same maps: then it is no accident
 _AHEAD = 2  # jobs that a worker holds, so that it need not wait for the next one
-# Poses a job: many enough that sending them costs nothing, few enough to share them out evenly;
-# the least number for one model.
-_JOB_ON_CPU, _JOB_ON_GPU, _LEAST = 32, 128, 4
+# Poses a job: many enough that sending them costs nothing, few enough to share them out evenly.
+# The least are four maps, and two poses: a map of a pose alone may take twice as long as one of
+# several together.
+_JOB_ON_CPU, _JOB_ON_GPU, _LEAST_MAPS, _LEAST = 32, 128, 4, 2
+_FEW = 8  # poses a worker: not more are shared out all at once, not more finely towards the end
 # One core a worker: neither the rasteriser nor linear algebra shall start threads of their own.
 _THREADS = {
     "LP_NUM_THREADS": "0",
@@ -70,18 +72,21 @@ def shared_out(
     jobs : sequence of MapJob
         Of any size.
     workers : int
-        How many share them. A part is a quarter of one's share of what is left: parts become
-        smaller towards the end, so that all workers end together,
+        How many share them. A part is half of one's share of what is left: parts become smaller
+        towards the end, so that all workers end together,
     least, most : int
         but no parts of fewer poses than ``least``, nor of more than ``most``.
     """
     left = sum(map(len, jobs))
+    share = -(-left // workers)
+    if share <= _FEW:
+        least = max(least, share)
     parts: list[MapJob] = []
     spans = []
     for job in jobs:
         begin, first = len(parts), 0
         while first < len(job):
-            size = max(least, min(most, -(-left // (4 * workers))))
+            size = max(least, min(most, -(-left // (2 * workers))))
             parts.append(job[first : first + size])
             first, left = first + size, left - len(parts[-1])
         spans.append((begin, len(parts)))
@@ -134,7 +139,7 @@ class Workers:
             raise ValueError(f"workers = {n} must be at least 1")
         self.workers = n
         self.warnings: list[str] = []
-        self._least = -(-_LEAST // len(scene.models))
+        self._least = max(_LEAST, -(-_LEAST_MAPS // len(scene.models)))
         self._scene = pickle.dumps(scene, protocol=pickle.HIGHEST_PROTOCOL)
         self._patience = patience
         self._slowest = 0.0  # seconds a pose
