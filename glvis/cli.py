@@ -273,7 +273,8 @@ def optimize(
     from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
 
-    sampler = Sampler()  # one for all runs of a series
+    # one for all runs of a series
+    sampler = Sampler(lambda: say("Sampling what is within reach ...", error=True))
 
     def search(loaded: Study, checkpoint: Path, goes_on: bool) -> Placement:
         with progress_shown() as show:

@@ -249,6 +249,14 @@ def test_what_another_study_sampled_is_of_no_use(study, sampled, change):
     assert len(sampled) >= 3
 
 
+def test_it_is_said_before_something_is_sampled_and_only_then(study):
+    said = []
+    sampler = Sampler(lambda: said.append(len(sampler._known)))
+    for iterations in (19, 19, 0):
+        place_sensors(load_study(study.path, [f"swarm.iterations={iterations}"]), sampler=sampler)
+    assert said == [1]
+
+
 def test_an_interrupted_sampling_is_gone_on_with(study):
     sampler, maps = Sampler(), evaluate_poses(study).maps
     with Evaluator(study) as evaluator:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,9 +61,15 @@ class Sampler:
 
     Searches that differ in seed, method or objective alone are held against the same positions:
     which position first showed a face to a sensor tells what any number of the first ones see.
+
+    Parameters
+    ----------
+    on_start : callable, optional
+        Is called before sampling begins: it may take as long as the search did.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_start: Callable[[], None] | None = None) -> None:
+        self._on_start = on_start
         self._known: dict[object, _Samples] = {}  # by what was sampled, the latest last
 
     def reach(
@@ -94,6 +100,8 @@ class Sampler:
         samples = self._samples(evaluator, maps)
         most = min(most_maps // (len(evaluator.study.sensors) * len(maps)), _NEVER - 1)
         tried, goal, growth = 0, min(_FIRST, most), 0.0
+        if self._on_start and samples.tried < goal and not interrupted:
+            self._on_start()
         while tried < goal and not interrupted:
             if samples.tried < goal:
                 samples.go_on(evaluator, goal, interrupted)
