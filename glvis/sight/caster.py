@@ -159,7 +159,7 @@ class Caster:
             work.add(one, [one.mask & is_small], by_face=True)
             for one, is_small in zip(selections, small, strict=True)
         ]
-        n_cast = len(work.clusters)
+        n_cast = work.n_listed
         to_judge = [candidates & small[0], *[candidates & ~small[0]] * rules.by_centre]
         judging = work.add(targets, to_judge, by_face=rules.min_pixels > 0)
         self._hold("told", work.told(_told(views, renderer, origin, rules)))
@@ -197,7 +197,7 @@ class Caster:
                 images = renderer.read_ids(len(some))
                 visible[some] = faces_in_images(images, n_faces, rules.min_pixels)
         words = np.frombuffer(seen.read(listed.nbytes), dtype="<u4") if listed.size else listed
-        of_view = np.repeat(np.arange(n), np.sum(to_judge, axis=(0, 2)))
+        of_view = np.repeat(np.arange(n), [work.n_listed_by(records) for records in judging])
         _mark(visible, targets.surface.clusters, of_view, listed[n_cast:], words[n_cast:])
         return visible
 
@@ -236,10 +236,14 @@ class _Work:
     def __init__(self) -> None:
         self._dispatches: list[tuple[int, bool, tuple[int, int, int, int]]] = []
         self._lists: list[NDArray[np.intp]] = [np.zeros(0, dtype=np.intp)]
-        self._begin = 0
+        self.n_listed = 0  # clusters
 
     def __len__(self) -> int:
         return len(self._dispatches)
+
+    def n_listed_by(self, records: _Numbers) -> int:
+        """Return how many clusters some dispatches have."""
+        return sum(self._dispatches[record][2][1] for record, _ in records)
 
     @property
     def clusters(self) -> NDArray[np.uint32]:
@@ -268,11 +272,11 @@ class _Work:
             added.append([])
             for done in range(0, count, most):
                 n, n_small = min(most, count - done), max(0, len(found[0]) - done)
-                work = (self._begin + done, n, n_small, size.bit_length() - 1)
+                work = (self.n_listed + done, n, n_small, size.bit_length() - 1)
                 added[-1].append((len(self._dispatches), -(-n * each // _GROUP)))
                 self._dispatches.append((view, bool(selection.cull_backs[view]), work))
             self._lists += found
-            self._begin += count
+            self.n_listed += count
         return added
 
 
