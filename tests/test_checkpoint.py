@@ -97,7 +97,7 @@ def test_search_killed_at_any_moment_goes_on(study, path):
             [sys.executable, "-c", script, str(study.path), str(path), str(poses)], cwd=root
         )
         assert done.returncode == -signal.SIGKILL
-    assert len(read_checkpoint(path, study).run["trace"]) == 1 + 2
+    assert len(read_checkpoint(path, study).trace.splitlines()) == 1 + 2
     assert_same_placements(place_sensors(study, checkpoint=path, resume=True), place_sensors(study))
 
 
@@ -185,10 +185,10 @@ def test_file_that_is_no_checkpoint_is_refused(study, path, what):
 
 
 def test_checkpoint_of_another_version_is_refused(study, path, monkeypatch):
-    monkeypatch.setattr("glvis.optim.checkpoint.VERSION", 2)
+    monkeypatch.setattr("glvis.optim.checkpoint.VERSION", 3)
     place_sensors(study, checkpoint=path)
     monkeypatch.undo()
-    with pytest.raises(StudyError, match="of version 2; this glvis reads version 1"):
+    with pytest.raises(StudyError, match="of version 3; this glvis reads version 2"):
         place_sensors(study, checkpoint=path, resume=True)
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import Study
 
-VERSION = 1
+VERSION = 2
 _SEARCH = "search."  # before the names of the search's own arrays
 # What may change without another search: words for people, and where the meshes lie (they are
 # compared themselves).
@@ -43,13 +43,17 @@ class Checkpoint:
     known_poses : (K, 16) uint8
         Poses whose maps have been counted; see ``Evaluator.known_poses``.
     run : dict
-        JSON of whoever runs the search: trace, seconds, counters.
+        JSON of whoever runs the search: seconds, counters.
+    trace : bytes
+        Its rows, JSON by line: a text that only grows, so that a long run's need not be written
+        out anew each time.
     """
 
     identity: dict[str, Any]
     search: dict[str, NDArray[Any]]
     known_poses: NDArray[np.uint8]
     run: dict[str, Any]
+    trace: bytes
 
 
 def identity_of(study: Study) -> dict[str, Any]:
@@ -82,6 +86,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
                 allow_pickle=False,
                 head=np.array(json.dumps(head)),
                 known_poses=checkpoint.known_poses,
+                trace=np.frombuffer(checkpoint.trace, dtype=np.uint8),
                 **arrays,
             )
             file.flush()
@@ -124,7 +129,8 @@ def read_checkpoint(path: Path, study: Study) -> Checkpoint:
         for name, array in arrays.items()
         if name.startswith(_SEARCH)
     }
-    return Checkpoint(head["identity"], search, arrays["known_poses"], head["run"])
+    trace = arrays["trace"].tobytes()
+    return Checkpoint(head["identity"], search, arrays["known_poses"], head["run"], trace)
 
 
 def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:

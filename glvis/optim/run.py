@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from bisect import bisect
@@ -65,6 +66,7 @@ class Run:
         self._began = time.monotonic()
         self._is_saved = False
         self.trace: list[TraceRow] = []
+        self._lines = b""  # the trace, as a checkpoint has it
         self.evaluations = self._evaluations_before = 0
         self._seconds_before = 0.0
         self._begin, self._rows_before = Spent(-1, 0, 0.0), 0
@@ -80,7 +82,8 @@ class Run:
         evaluator.maps_rendered = run["maps_rendered"]
         self._start = np.array(run["start"])
         self.start_value = run["start_value"]
-        self.trace = [TraceRow(*row) for row in run["trace"]]
+        self._lines = saved.trace
+        self.trace = [TraceRow(*json.loads(line)) for line in saved.trace.splitlines()]
         self.evaluations = self._evaluations_before = run["evaluations"]
         self._seconds_before = run["seconds"]
         self._rows_before = len(self.trace)
@@ -133,20 +136,20 @@ class Run:
         v = evaluator.study.objective.aggregated(np.array(by_model))
         search.tell(v, evaluator.maps_rendered)
         self.evaluations += len(v)
-        self.trace.append(
-            TraceRow(
-                iteration=len(self.trace),
-                method=search.method,
-                best=max(search.best_value, self.start_value),
-                mean=float(v.mean()),
-                std=float(v.std()),
-                inertia=search.inertia,
-                neighbours=search.neighbours,
-                evaluations=self.evaluations,
-                maps_rendered=evaluator.maps_rendered,
-                seconds=self.seconds(),
-            )
+        row = TraceRow(
+            iteration=len(self.trace),
+            method=search.method,
+            best=max(search.best_value, self.start_value),
+            mean=float(v.mean()),
+            std=float(v.std()),
+            inertia=search.inertia,
+            neighbours=search.neighbours,
+            evaluations=self.evaluations,
+            maps_rendered=evaluator.maps_rendered,
+            seconds=self.seconds(),
         )
+        self.trace.append(row)
+        self._lines += json.dumps(row).encode() + b"\n"
         return True
 
     def save(self) -> None:
@@ -164,14 +167,14 @@ class Run:
         run = {
             "start": self._start.tolist(),
             "start_value": self.start_value,
-            "trace": self.trace,
             "evaluations": self.evaluations,
             "maps_rendered": evaluator.maps_rendered,
             "seconds": self.seconds(),
             "warnings": self.warnings,
             "gl": asdict(evaluator.gl),
         }
-        checkpoint = Checkpoint(self._identity, self.search.state(), evaluator.known_poses, run)
+        state, poses = self.search.state(), evaluator.known_poses
+        checkpoint = Checkpoint(self._identity, state, poses, run, self._lines)
         try:
             write_checkpoint(self._path, checkpoint)
         except MachineError as error:
