@@ -357,7 +357,7 @@ def started(*arguments) -> subprocess.Popen:
 
 def test_killed_search_goes_on_to_the_result_of_an_unbroken_one(glvis_cli, tmp_path):
     (tmp_path / "study").mkdir()
-    text = SMALL.replace("iterations = 2", "iterations = 60\nstall_iterations = 60")
+    text = SMALL.replace("iterations = 2", "iterations = 300\nstall_iterations = 300")
     study = write_small_study(tmp_path / "study", text)
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with started(study, "-o", broken) as process:
