@@ -12,6 +12,7 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
+from glvis.sight.coarser import StandIns
 from glvis.sight.culling import Culling
 from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
@@ -85,12 +86,21 @@ def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **o
         Surface(Clusters.of(Model.from_arrays(f"obstacle{i}", *o)), origin, is_target=False)
         for i, o in enumerate(obstacles)
     ]
+    stand_ins = StandIns(origin)
     model = Model.from_arrays("target", *shape)
-    made = Looking(model, surfaces, VisibilityOptions(**options), origin, caster_of, casts=casts)
+    made = Looking(
+        model,
+        surfaces,
+        VisibilityOptions(**options),
+        origin,
+        caster_of,
+        casts=casts,
+        stand_ins=stand_ins,
+    )
     try:
         yield made
     finally:
-        for part in (made, *surfaces, *casters.values()):
+        for part in (made, *surfaces, stand_ins, *casters.values()):
             part.release()
 
 

@@ -42,9 +42,11 @@ ARROWS = {
     "views": "camera sensor",
     "renderer": "camera clusters context errors glsl surface views",
     "culling": "renderer surface views",
+    "coarser": "scene clusters culling renderer surface views",
     "caster": "clusters context renderer surface views",
     "visibility": "camera scene sensor clusters crops renderer",
-    "mapper": "scene sensor caster clusters crops culling renderer surface views visibility",
+    "mapper": "scene sensor caster clusters coarser crops culling renderer surface views"
+    " visibility",
     "swarm": "box swarm_options",
     "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
     "overrides": "errors expressions schema",
@@ -52,7 +54,7 @@ ARROWS = {
     " search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context errors renderer surface views",
-    "maps": "scene sensor caster clusters context culling renderer selftest surface views"
+    "maps": "scene sensor caster clusters coarser context culling renderer selftest surface views"
     " visibility mapper study",
     "evaluator": "scene sensor context visibility objective study maps",
     "worker": "maps",

@@ -159,6 +159,11 @@ class Clusters:
         used = np.bincount(part_of_face, minlength=parts) > 0
         return bool(np.all(volumes[used] > 0))
 
+    @property
+    def boundary_vertices(self) -> NDArray[np.intp]:
+        """Vertices at edges that one face alone has, (B,)."""
+        return np.unique(self._boundary)
+
     @cached_property
     def _boundary(self) -> NDArray[np.int64]:
         """Edges that one face alone has, against that face's direction, (B, 2)."""

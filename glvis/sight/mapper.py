@@ -18,6 +18,7 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.caster import Caster, Rules, can_hold
 from glvis.sight.clusters import Clusters
+from glvis.sight.coarser import StandIns
 from glvis.sight.crops import (
     CameraFaces,
     FaceTable,
@@ -62,6 +63,8 @@ class Mapper:
         Returns the caster of a resolution (width, height), with its renderer.
     casts : bool
         Whether small faces are cast; see ``Caster`` and ``selftest.can_cast``.
+    stand_ins : StandIns
+        What hides centres in place of surfaces of many faces.
     """
 
     def __init__(
@@ -73,8 +76,9 @@ class Mapper:
         caster_of: Callable[[tuple[int, int]], Caster],
         *,
         casts: bool,
+        stand_ins: StandIns,
     ) -> None:
-        self._casts = casts
+        self._casts, self._stand_ins = casts, stand_ins
         self.model, self.options, self.origin = model, options, origin
         self.surface = Surface(Clusters.of(model), origin, is_target=True)
         self._table = FaceTable.of(model, self.surface.clusters.order)
@@ -122,9 +126,20 @@ class Mapper:
             by_centre=not by_pixels or takes_second_look(options),
             tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
         )
+        hiding = self._hiding(chosen)
+        if not by_pixels:
+            coarser = self._coarser([targets, *hiding], views, size)
+            targets, hiding = coarser[0], coarser[1:]
         return self._caster_of(size).visible(
-            views, targets, candidates, self._hiding(chosen), rules, origin=self.origin
+            views, targets, candidates, hiding, rules, origin=self.origin
         )
+
+    def _coarser(
+        self, selections: Sequence[Selection], views: Views, size: tuple[int, int]
+    ) -> list[Selection]:
+        """Return what hides centres; what is left of the selections themselves comes first."""
+        instead = [self._stand_ins.instead_of(one, views, size) for one in selections]
+        return [one[0] for one in instead] + [coarse for one in instead for coarse in one[1:]]
 
     def _by_pixels(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
@@ -153,6 +168,7 @@ class Mapper:
     def _by_centroid(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces whose centre passes every filter and is hidden by nothing."""
         occluders, candidates = chosen[self.surface]
+        size = render_resolution(self.options, sensor, self.model)
         if self.options.occlusion == "paper":
             # what CropBack and CropNorm refuse is gone before anything is hidden
             kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
@@ -160,12 +176,12 @@ class Mapper:
                 places = self.surface.clusters.places_in(candidates[view])
                 faces = in_camera(self._table, places, pose)
                 kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
-            occluders = _selection_of_faces(self.surface, kept)
+            hiding = [_selection_of_faces(self.surface, kept), *self._hiding(chosen)]
+        else:
+            hiding = self._coarser([occluders, *self._hiding(chosen)], views, size)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
-        for first, images in renderer.depth_images(
-            views, [occluders, *self._hiding(chosen)], origin=self.origin
-        ):
+        renderer = self._caster_of(size).renderer
+        for first, images in renderer.depth_images(views, hiding, origin=self.origin):
             self._look_again(visible, first, images, views, candidates, sensor)
         return visible
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
+from glvis.sight.coarser import StandIns
 from glvis.sight.context import GlInfo, gl_info
 from glvis.sight.culling import Culling
 from glvis.sight.mapper import Mapper
@@ -137,6 +138,7 @@ class LocalMaps:
         self._obstacles = [
             Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
         ]
+        self._stand_ins = StandIns(origin)
         self._by_axis = scene.visibility.incidence == "axis"
         self._mappers = [
             Mapper(
@@ -146,6 +148,7 @@ class LocalMaps:
                 origin,
                 self._caster_of,
                 casts=can_cast(),
+                stand_ins=self._stand_ins,
             )
             for model in scene.models
         ]
@@ -172,6 +175,7 @@ class LocalMaps:
             mapper.release()
         for surface in self._obstacles:
             surface.release()
+        self._stand_ins.release()
         for caster in self._casters.values():
             caster.release()
         self._casters.clear()
