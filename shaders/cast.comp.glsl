@@ -163,14 +163,14 @@ bool is_seen(uint face, bool is_small) {
     vec3 centre = in_camera(row(centroids, face));
     vec3 normal = mat3(world_to_camera) * uintBitsToFloat(row(normals, face).xyz);
     float height = -dot(normal, centre);   // of the eye above the face's plane
-    int alive = height > 0.0 && -normal.z >= min_cos.y ? 1 : 0;   // CropBack, CropNorm by the axis
+    bool faces = height > 0.0 && -normal.z >= min_cos.y;   // CropBack, CropNorm by the axis
     bool shows = false;
 #ifdef LOOK_AT_CENTRE
-    for (int once = 0; once < alive; ++once) shows = shows_centre(centre, normal, height);
+    shows = faces && shows_centre(centre, normal, height);
 #endif
 #ifdef COUNT_PIXELS
-    if (shows || !is_small) alive = 0;
-    for (int once = 0; once < alive; ++once) shows = shows_pixels(face, height);
+    int more = faces && is_small && !shows ? 1 : 0;
+    for (int once = 0; once < more; ++once) shows = shows_pixels(face, height);
 #endif
     return shows;
 }

@@ -164,7 +164,7 @@ def test_no_poses_make_no_maps():
     [
         ("if (distance > 0.0) atomicMin(", "if (false) atomicMin("),
         ("++pixels;", ";"),
-        ("shows = shows_centre", "shows = !shows_centre"),
+        ("shows = faces && shows_centre", "shows = faces && !shows_centre"),
         ("if (t.side <= 0.0 &&", "if (t.side >= 0.0 ||"),
         ("min(far, ", "max(far, "),
         ("void main", "void mean"),
