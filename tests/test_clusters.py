@@ -81,20 +81,37 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
     rng = np.random.default_rng(seed)
     shape = shapes.blob(rng)
     poses = random_poses(rng, 20, rng.uniform(0.3, 4))
-    device = sensor(hfov_deg=50, vfov_deg=30, far=3.0)
+    device = sensor(hfov_deg=50, vfov_deg=30, far=3.0, max_incidence_deg=60)
     with mapper(shape) as made:
         views = made.views(poses, device)
+        chosen = made.culling.chosen(views)[made.surface]
         clusters = made.surface.clusters
         faces = clusters.order.reshape(-1, clusters.size)
         model = clusters.model
         towards = (views.eye[:, None] - model.centroids) * model.normals
         is_front = towards.sum(axis=2) > 0
-        assert not (is_front[:, faces].any(axis=2) & ~made.culling.may_face(views.eye)).any()
+        height = made.culling.most_height(views.eye)
+        assert not (is_front[:, faces].any(axis=2) & (height < 0)).any()
         corners = model.vertices[model.faces]
         points = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=2)
         inside = np.einsum("nkd,fcd->nfck", views.planes, points) >= 0
         shows = inside.all(axis=3).any(axis=2)
         assert not (shows[:, faces].any(axis=2) & ~made.culling.in_frustum(views.planes)).any()
+        # every corner's ray, for a pixel may show any part of a face
+        rays = views.eye[:, None, None] - corners
+        cosine = np.sum(rays * model.normals[:, None], axis=3) / np.linalg.norm(rays, axis=3)
+        counts = shows & (cosine.max(axis=2) >= 0.5)
+        assert not (counts[:, faces].any(axis=2) & ~chosen.candidates).any()
+
+
+def test_clusters_that_are_too_oblique_are_no_candidates():
+    device = sensor(far=30, max_incidence_deg=30)
+    pose = camera_to_world([0, 0, 20], [0, 0, -1], up=(0, 1, 0))[None]
+    with mapper(shapes.icosphere(5)) as made:
+        chosen = made.culling.chosen(made.views(pose, device))[made.surface]
+        # of a sphere seen from afar (1 - cos 30) / 2 = 0.067 is within 30 degrees, half faces us
+        assert 0.067 < chosen.candidates.mean() < 0.15
+        assert chosen.to_draw.mask.mean() > 0.45
 
 
 def test_every_face_with_area_is_in_one_cluster(rng):

@@ -197,8 +197,11 @@ class Caster:
                 images = renderer.read_ids(len(some))
                 visible[some] = faces_in_images(images, n_faces, rules.min_pixels)
         words = np.frombuffer(seen.read(listed.nbytes), dtype="<u4") if listed.size else listed
-        of_view = np.repeat(np.arange(n), [work.n_listed_by(records) for records in judging])
-        _mark(visible, targets.surface.clusters, of_view, listed[n_cast:], words[n_cast:])
+        begin = n_cast
+        for view, count in enumerate(np.sum([mask.sum(axis=1) for mask in to_judge], axis=0)):
+            mine = slice(begin, begin + count)
+            visible[view, _faces_of(targets.surface.clusters, listed[mine], words[mine])] = True
+            begin += count
         return visible
 
     def _hold(self, name: str, values: NDArray[Any]) -> Any:
@@ -280,28 +283,17 @@ class _Work:
         return added
 
 
-def _mark(
-    visible: Bools,
-    clusters: Clusters,
-    of_view: NDArray[np.intp],
-    judged: NDArray[np.uint32],
-    words: NDArray[np.uint32],
-) -> None:
-    """Mark in ``visible`` (N, F), in place, the faces whose bits are set.
-
-    Parameters
-    ----------
-    of_view, judged, words : (n,)
-        The view, the cluster, and one bit for each of its faces.
-    """
-    none = words == 0
-    if none.any():
-        of_view, judged, words = of_view[~none], judged[~none], words[~none]
+def _faces_of(
+    clusters: Clusters, judged: NDArray[np.uint32], words: NDArray[np.uint32]
+) -> NDArray[np.int32]:
+    """Return the faces whose bits are set: words (n,) have one for each face of a cluster."""
+    some = np.flatnonzero(words)
+    words = words[some]
     bits = np.unpackbits(
         words.view(np.uint8).reshape(-1, 4), axis=1, count=clusters.size, bitorder="little"
-    ).view(bool)
-    faces = clusters.order.reshape(-1, clusters.size)[judged]
-    visible.reshape(-1)[(faces + visible.shape[1] * of_view[:, None])[bits]] = True
+    )
+    faces: NDArray[np.int32] = clusters.order.reshape(-1, clusters.size)[judged[some]]
+    return faces[bits.view(bool)]
 
 
 class _Store:

@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 _PIXELS = 3.0
 _FROM_FACES = 100_000  # models of fewer cost little as they are
 _LEVELS_AN_OCTAVE = 2
+_CLUSTER = 8  # faces; few, for they are large and their directions far apart
 # No cell may be so large that a model is lost in it, nor a part near the eye hide too coarsely:
 # shares of the model's size and of the nearest depth.
 _MOST_OF_SIZE, _MOST_OF_NEAREST = 1 / 64, 2.0
@@ -109,7 +110,7 @@ class StandIns:
         for level in np.unique(levels[levels > 0]).tolist():
             coarse, culling = self._coarse(surface, level)
             mask = culling.in_frustum(views.planes) & (levels == level)[:, None]
-            mask &= culling.may_face(views.eye) | ~selection.cull_backs[:, None]
+            mask &= (culling.most_height(views.eye) >= 0) | ~selection.cull_backs[:, None]
             instead.append(Selection(coarse, mask, selection.cull_backs))
         return instead
 
@@ -117,7 +118,7 @@ class StandIns:
         if (surface, level) not in self._made:
             clusters = surface.clusters
             model = merged(clusters.model, clusters.boundary_vertices, _cell(surface, level))
-            made = Surface(Clusters.of(model), self._origin, is_target=False)
+            made = Surface(Clusters.of(model, _CLUSTER), self._origin, is_target=False)
             self._made[surface, level] = made, Culling([made])
         return self._made[surface, level]
 

@@ -1,6 +1,6 @@
-"""Which clusters of faces views leave out: CropFOV and CropBack (Sec. 2.1.1).
+"""Which clusters of faces views leave out: CropFOV, CropBack and CropNorm (Sec. 2.1.1).
 
-All surfaces of a scene are culled together: both filters for all poses and all clusters are a
+All surfaces of a scene are culled together: the filters for all poses and all clusters are a
 few matrix products with each cluster's bounding sphere and the box around its faces' planes.
 The cull is conservative: it never changes a map.
 
@@ -25,6 +25,8 @@ from glvis.sight.views import Views
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
+_SLACK = 1e-5  # of the cosine of the largest incidence, which float32 may round
+
 
 class Chosen(NamedTuple):
     """What is left of a surface.
@@ -34,7 +36,8 @@ class Chosen(NamedTuple):
     to_draw : Selection
         What is in the frusta and can hide or be seen.
     candidates : (N, C) bool
-        Clusters that may have a face to count.
+        Clusters that may have a face to count: one that looks at the eye, within the largest
+        incidence (CropNorm) where that is by the ray.
     """
 
     to_draw: Selection
@@ -83,9 +86,12 @@ class Culling:
         """Return what views keep of each surface."""
         planes, eye = views.planes, views.eye
         mask = self.in_frustum(planes)
-        candidates = mask & self.may_face(eye)
+        height = self.most_height(eye)
+        faces = mask & (height >= 0)
+        min_cos = views.min_ray_cos[:, None] * (1 - _SLACK)
+        candidates = faces & (height >= min_cos * self.least_distance(eye))
         cull_backs = self.hides_back_faces(eye, planes)
-        mask = np.where(np.repeat(cull_backs, self._sizes, axis=1), candidates, mask)
+        mask = np.where(np.repeat(cull_backs, self._sizes, axis=1), faces, mask)
         kept, begin = {}, 0
         for m, (surface, size) in enumerate(zip(self._surfaces, self._sizes, strict=True)):
             mine = slice(begin, begin + size)
@@ -107,8 +113,10 @@ class Culling:
             np.minimum(above, planes[:, k] @ self._centre, out=above)
         return above >= -self._radius
 
-    def may_face(self, eye: Floats) -> Bools:
-        """Return which clusters may hold a face that looks at the eye, (N, C) bool (CropBack).
+    def most_height(self, eye: Floats) -> Floats:
+        """Return how high eyes may be above the plane of any face of each cluster, (N, C).
+
+        Never too small; negative where no face of the cluster looks at the eye (CropBack).
 
         Parameters
         ----------
@@ -120,7 +128,14 @@ class Culling:
         # the largest n . eye - n . p over the cluster's box of planes (n, -n . p)
         np.maximum(e[:, :4], 0, out=e[:, :4])
         np.minimum(e[:, 4:], 0, out=e[:, 4:])
-        return e @ self._plane_box >= -self._slack
+        return e @ self._plane_box + self._slack
+
+    def least_distance(self, eye: Floats) -> Floats:
+        """Return how near eyes may be to any face of each cluster, (N, C); never too large."""
+        squared = np.zeros((len(eye), len(self._radius)))
+        for axis in range(3):
+            squared += (eye[:, axis : axis + 1] - self._centre[axis]) ** 2
+        return np.sqrt(squared) - self._radius
 
     def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
         """Return from which poses no ray can meet a back face first, (N, M) bool.
