@@ -162,7 +162,7 @@ class Caster:
         n_cast = work.n_listed
         to_judge = [candidates & small[0], *[candidates & ~small[0]] * rules.by_centre]
         judging = work.add(targets, to_judge, by_face=rules.min_pixels > 0)
-        self._hold("told", work.told(_told(views, renderer, origin, rules)))
+        self._hold("told", _told(work, views, renderer, origin, rules))
         listed = work.clusters
         self._hold("clusters", listed).bind_to_storage_buffer(_CLUSTERS)
         seen = self._hold("seen", np.zeros_like(listed))
@@ -170,12 +170,13 @@ class Caster:
         cast = compiled_compute("cast")
         judge = compiled_compute("cast", *rules.defines, *["DRAWN"] * is_drawn)
         visible = np.zeros((n, n_faces), dtype=bool)
-        windows = None
+        windows, to_draw = None, []
         if is_drawn:
             windows = views.windows(targets.surface.clusters.corners, renderer.resolution)
+            to_draw = [replace(one, mask=mask) for one, mask in zip(selections, large, strict=True)]
         drawing = renderer.batches(
             views,
-            [replace(one, mask=mask) for one, mask in zip(selections, large, strict=True)],
+            to_draw,
             origin=origin,
             with_ids=with_ids,
             behind_cast=len(work) > 0,
@@ -237,28 +238,22 @@ class _Work:
     """Collects what is dispatched: what the shader is told each time, and lists of clusters."""
 
     def __init__(self) -> None:
-        self._dispatches: list[tuple[int, bool, tuple[int, int, int, int]]] = []
+        # view, whether it culls backs, and its work as the shader is told
+        self.dispatches: list[tuple[int, bool, tuple[int, int, int, int]]] = []
         self._lists: list[NDArray[np.intp]] = [np.zeros(0, dtype=np.intp)]
         self.n_listed = 0  # clusters
 
     def __len__(self) -> int:
-        return len(self._dispatches)
+        return len(self.dispatches)
 
     def n_listed_by(self, records: _Numbers) -> int:
         """Return how many clusters some dispatches have."""
-        return sum(self._dispatches[record][2][1] for record, _ in records)
+        return sum(self.dispatches[record][2][1] for record, _ in records)
 
     @property
     def clusters(self) -> NDArray[np.uint32]:
         """All clusters."""
         return np.concatenate(self._lists).astype(np.uint32)
-
-    def told(self, views: NDArray[np.void]) -> NDArray[np.void]:
-        """Return what each dispatch is told, for what is told of each view (N,)."""
-        told = _words(views)[[view for view, _, _ in self._dispatches]].view(_TOLD)[:, 0]
-        told["cull_backs"] = [cull_backs for _, cull_backs, _ in self._dispatches]
-        told["work"] = np.array([work for _, _, work in self._dispatches]).reshape(-1, 4)
-        return told
 
     def add(self, selection: Selection, masks: list[Bools], by_face: bool) -> list[_Numbers]:
         """Add chosen clusters of a surface, (N, C) bool each, the first of small faces.
@@ -276,8 +271,8 @@ class _Work:
             for done in range(0, count, most):
                 n, n_small = min(most, count - done), max(0, len(found[0]) - done)
                 work = (self.n_listed + done, n, n_small, size.bit_length() - 1)
-                added[-1].append((len(self._dispatches), -(-n * each // _GROUP)))
-                self._dispatches.append((view, bool(selection.cull_backs[view]), work))
+                added[-1].append((len(self.dispatches), -(-n * each // _GROUP)))
+                self.dispatches.append((view, bool(selection.cull_backs[view]), work))
             self._lists += found
             self.n_listed += count
         return added
@@ -325,32 +320,33 @@ def _pixels_to_cast(views: Views, targets: Selection, pixel: Floats) -> Floats:
     """
     clusters = targets.surface.clusters
     plane = views.depth_plane
-    depth = (plane[:, :3] * clusters.middle).sum(axis=1) + plane[:, 3]
+    depth = np.einsum("nk,k->n", plane[:, :3], clusters.middle) + plane[:, 3]
     depth = np.maximum(depth, views.clip_near)
     return np.where(clusters.model.mean_edge > _LARGE * pixel * depth, _SMALL_AMONG_LARGE, _SMALL)
 
 
-def _told(views: Views, renderer: Renderer, origin: Floats, rules: Rules) -> NDArray[np.void]:
-    """Return what the shader must know of each view, (N,) of _TOLD."""
-    told = _words(_told_of_all(views, tuple(origin.tolist()))).copy().view(_TOLD)[:, 0]
+def _told(
+    work: _Work, views: Views, renderer: Renderer, origin: Floats, rules: Rules
+) -> NDArray[np.void]:
+    """Return what the shader is told at each dispatch, (n,) of _TOLD."""
+    of_view = [view for view, _, _ in work.dispatches]
+    # taken by words, as NumPy is slow at copying field by field
+    told = _told_of_all(views, tuple(origin.tolist()))[of_view].view(_TOLD)[:, 0]
     width, height = renderer.resolution
     told["tangent_to_pixel"] = (width / 2, height / 2) * 2
-    told["tangent_to_pixel"][:, :2] /= views.tan_half
+    told["tangent_to_pixel"][:, :2] /= views.tan_half[of_view]
     told["tolerance"] = rules.tolerance
     told["min_pixels"] = max(rules.min_pixels, 1)
     told["size"] = width, height
-    told["first_row"] = [height * (view % renderer.tiles) for view in range(len(views))]
+    told["first_row"] = [height * (view % renderer.tiles) for view in of_view]
+    told["cull_backs"] = [cull_backs for _, cull_backs, _ in work.dispatches]
+    told["work"] = np.array([numbers for _, _, numbers in work.dispatches]).reshape(-1, 4)
     return told
 
 
-def _words(told: NDArray[np.void]) -> NDArray[np.uint32]:
-    """Return the same as words (n, W): NumPy is slow at copying field by field."""
-    return told.view(np.uint32).reshape(len(told), -1)
-
-
 @lru_cache(maxsize=1)
-def _told_of_all(views: Views, origin: tuple[float, float, float]) -> NDArray[np.void]:
-    """Return the part of it that is the same for all models of a scene; matrices by column."""
+def _told_of_all(views: Views, origin: tuple[float, float, float]) -> NDArray[np.uint32]:
+    """Return what is the same for all models of a scene, words (N, W); matrices by column."""
     told = np.zeros(len(views), dtype=_TOLD)
     to_camera = views.world_to_camera.copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ np.array(origin)
@@ -362,4 +358,4 @@ def _told_of_all(views: Views, origin: tuple[float, float, float]) -> NDArray[np
         ("clip", (views.clip_near, views.clip_far)),
     ):
         told[name][:, 0], told[name][:, 1] = columns
-    return told
+    return told.view(np.uint32).reshape(len(told), -1)
