@@ -125,6 +125,15 @@ def test_a_views_level_follows_from_its_pose_alone(for_small_models):
             assert np.array_equal(made.looks(pose[None], device)[0], seen)
 
 
+@pytest.mark.parametrize(("most", "is_used"), [(2**19, True), (4, False)])
+def test_cells_too_many_to_be_numbered_are_not_made(most, is_used, for_small_models, monkeypatch):
+    monkeypatch.setattr(coarser, "_MOST_CELLS", most)
+    body, poses, device = scene()
+    with mapper(body, criterion="centroid", resolution=(100, 100)) as made:
+        made.looks(poses, device)
+        assert bool(made._stand_ins._made) == is_used
+
+
 def test_pixels_are_counted_behind_the_faces_themselves(for_small_models):
     body, poses, device = scene()
     with mapper(body, criterion="pixels") as made:

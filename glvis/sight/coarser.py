@@ -34,6 +34,7 @@ _CLUSTER = 8  # faces; few, for they are large and their directions far apart
 # No cell may be so large that a model is lost in it, nor a part near the eye hide too coarsely:
 # shares of the model's size and of the nearest depth.
 _MOST_OF_SIZE, _MOST_OF_NEAREST = 1 / 64, 2.0
+_MOST_CELLS = 2**19  # along an axis: their numbers, six bins each, fit into 64 bits
 # Turns the six bins of direction away from the axes, which flat parts often face.
 _TURN = ((0.54, -0.64, 0.55), (0.80, 0.60, -0.08), (-0.28, 0.48, 0.83))
 
@@ -139,5 +140,6 @@ def _levels(surface: Surface, views: Views, resolution: tuple[int, int]) -> NDAr
     pixel = (2 * views.tan_half / np.array(resolution)).min(axis=1)
     size = float(np.ptp(clusters.corners, axis=0).max())
     cell = np.minimum(_PIXELS * pixel * np.maximum(depth, 0), _MOST_OF_SIZE * size)
+    cell[cell < size / _MOST_CELLS] = 0
     ratio = np.maximum(cell / clusters.model.mean_edge, 1)
     return np.rint(_LEVELS_AN_OCTAVE * np.log2(ratio)).astype(np.intp)
