@@ -14,7 +14,7 @@ from small_study import SMALL, write_small_study
 import glvis
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
-from glvis.optim.checkpoint import read_checkpoint
+from glvis.optim.checkpoint import read_checkpoint, write_checkpoint
 from glvis.optim.placement import evaluate_poses, place_sensors
 
 
@@ -58,6 +58,36 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
     assert resumed.warnings == ()
     seconds = [row.seconds for row in resumed.trace]
     assert seconds == sorted(seconds) and resumed.seconds >= seconds[-1]
+
+
+def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkeypatch):
+    study = load_study(study.path, ["search.method=auto", "search.max_maps=1500"])
+    monkeypatch.setattr("glvis.optim.guess._MOST_POSES", 150)  # learned up to some way in
+    unbroken = place_sensors(study)
+    assert {"sketch", "climb", "rivals"} <= {row.method for row in unbroken.trace}
+    sizes = []
+    for resume, iteration in enumerate((0, 1, 5, 12, 60)):
+        with pytest.raises(Broken):
+            place_sensors(
+                study, checkpoint=path, resume=resume > 0, on_iteration=break_after(iteration)
+            )
+        learned = read_checkpoint(path, study).search["learned"]
+        sizes.append(learned.shape)
+    faces = sum(min(600, model.n_faces) for model in study.models)
+    assert sizes[-1] == (150, -(-faces // 8))
+    assert sizes[0][0] < sizes[1][0] < sizes[-1][0]
+    assert_same(place_sensors(study, workers=2, checkpoint=path, resume=True), unbroken)
+
+
+def test_search_that_learned_less_than_it_was_told_cannot_go_on(study, path):
+    study = load_study(study.path, ["search.method=auto", "search.max_maps=300"])
+    with pytest.raises(Broken):
+        place_sensors(study, checkpoint=path, on_iteration=break_after(3))
+    saved = read_checkpoint(path, study)
+    saved.search["learned"] = saved.search["learned"][:-1]
+    write_checkpoint(path, saved)
+    with pytest.raises(StudyError, match="the search cannot go on"):
+        place_sensors(study, checkpoint=path, resume=True)
 
 
 def test_finished_search_is_told_again(study, path):

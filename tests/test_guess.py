@@ -50,3 +50,42 @@ def test_guess_of_a_position_does_not_depend_on_its_neighbours(tmp_path, rng):
     assert together.shape == (150,)
     assert [float(guess(row[None], None)[0]) for row in x[::10]] == together[::10].tolist()
     assert np.array_equal(guess(np.concatenate([x, x[:1]]), None)[[0, -1]], together[[0, 0]])
+
+
+def test_guess_ranks_better_after_it_has_learned_from_maps(tmp_path, rng):
+    study = load_study(write_small_study(tmp_path, rng), ["objective.kind=of1"])
+    x, taught = positions(study, 200, rng), positions(study, 300, rng)
+    guess, noted = Guess(study), []
+    with Evaluator(study) as evaluator:
+        values = evaluator(x)
+        before = guess(x, None)
+        list(evaluator.each(taught, None, lambda maps: noted.append(guess.sample(maps))))
+    which = guess.unknown(taught, None)
+    guess.learn(taught, None, which, np.array(noted)[which[:, 0], which[:, 1]])
+    far_off = [np.abs(guessed - values).mean() for guessed in (before, guess(x, None))]
+    assert far_off[1] < 0.5 * far_off[0]
+    # sampled faces of a pose it was taught are known; only those between the filters differ
+    assert np.abs(guess(taught, None) - evaluator_values(study, taught)).mean() < far_off[1]
+
+
+def evaluator_values(study, x):
+    with Evaluator(study) as evaluator:
+        return evaluator(x)
+
+
+def test_guess_learns_each_pose_once_and_no_more_than_it_may(tmp_path, rng, monkeypatch):
+    monkeypatch.setattr("glvis.optim.guess._MOST_POSES", 5)
+    study = load_study(write_small_study(tmp_path, rng))
+    guess, x = Guess(study), positions(study, 3, rng)
+    x[1, :2] = x[0, :2]  # the first sensor stays
+    which = guess.unknown(np.concatenate([x, x]), None)
+    assert which.tolist() == [[0, 0], [0, 1], [1, 1], [2, 0], [2, 1]]
+    guess.learn(x, None, which[:3], np.zeros((3, guess.faces), bool))
+    assert guess.unknown(x, None).tolist() == [[2, 0], [2, 1]]
+    assert guess.unknown(x, (1,)).tolist() == [[2, 0]]
+    assert not guess.is_full
+    more = positions(study, 9, rng)
+    which = guess.unknown(more, None)
+    assert len(which) == 2
+    guess.learn(more, None, which, np.zeros((2, guess.faces), bool))
+    assert guess.is_full and len(guess.unknown(x, None)) == 0

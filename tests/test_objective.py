@@ -227,3 +227,14 @@ def test_settings_that_mean_nothing_are_refused(settings, message):
     with pytest.raises(ValueError) as error:
         Objective(**settings)
     assert str(error.value) == message
+
+
+@pytest.mark.parametrize("kind", ["of1", "of2", "of3"])
+@pytest.mark.parametrize("by_area", [False, True])
+@pytest.mark.parametrize("normalize", [False, True])
+def test_values_of_many_layouts_are_those_of_each(kind, by_area, normalize, rng):
+    objective = Objective(kind=kind, by_area=by_area, normalize=normalize)
+    counts, area = rng.integers(0, 9, (20, 30)), rng.random(30)
+    counts[0] = 0
+    each = [objective.terms(row, area)["value"] for row in counts]
+    assert np.allclose(objective.values(counts, area), each, rtol=1e-12, atol=1e-12)

@@ -13,6 +13,7 @@ from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
 from glvis.optim.auto import _recombined
 from glvis.optim.box import Box
+from glvis.optim.climb import climbed, near, sketched
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.greedy import _drawn, greedy, greedy_alone, mounts_of
 from glvis.optim.placement import place_sensors
@@ -59,6 +60,7 @@ class Course:
         return self.search
 
 
+STAGES = ("sketch", "climb", "rivals", "recombine")  # of auto, beside other methods
 PAIR = ((0, 1), (2, 3))  # two mounts of two variables each
 SHARED = ((0, 1), (0, 1), (0, 2), (0, 2))  # two mirrored mounts at one height
 
@@ -170,6 +172,53 @@ def told(script, function, sensors):
         return end.value, asked
 
 
+def guided(moved_by, function, **settings):
+    """Return a problem whose guess is right."""
+    task = problem(moved_by, **settings)
+    everybody = range(len(moved_by))
+    task.guess = lambda x, sensors: np.array([function(row, sensors or everybody) for row in x])
+    return task
+
+
+@pytest.mark.parametrize("moved_by", [PAIR, SHARED])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_climbing_finds_the_top_of_a_bowl_and_sooner_with_a_guess(moved_by, seed):
+    asked = []
+    for task in (problem(moved_by, seed=seed), guided(moved_by, bowl, seed=seed)):
+        search = ScriptSearch(lambda task: climbed(task, task.start, -np.inf), task)
+        course = Course(search, bowl, moved_by)
+        while search.best_value < -1e-3:
+            course.run(most=len(course.asks) + 1)
+            assert len({row[sorted(moved_by[0])].tobytes() for row in course.asks[-1][0]}) <= 4
+        asked.append(len(course.asks))
+    assert asked[1] < 0.7 * asked[0]
+
+
+def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
+    task = problem(SHARED, start=0.5)
+    for block in task.blocks:
+        moved = near(task, task.start[None], block, 500)[0] - task.start
+        columns = list(block.columns)
+        assert not np.delete(moved, columns, axis=1).any()
+        assert (moved[:, columns] != 0).any(axis=1).all()  # one at least
+        largest = np.abs(moved).max(axis=1)
+        assert np.quantile(largest, 0.1) < 0.01 and np.quantile(largest, 0.9) > 0.1
+        assert np.abs(moved).max() <= 0.5
+
+
+def test_sketches_end_where_the_guess_is_best_each_by_itself():
+    task = guided(PAIR, hills)
+    begin = np.array([[0.2, 0.2, 0.2, 0.2], [0.6, 0.7, 0.1, 0.1], [0.9, 0.9, 0.9, 0.9]])
+    kept = begin.copy()
+    climbed_on = sketched(task, begin, task.blocks, 30, with_leaps=False)
+    leapt = sketched(task, begin, task.blocks, 30, with_leaps=True)
+    assert np.array_equal(begin, kept)
+    assert task.guess(climbed_on, None) == pytest.approx([2, 3, 4], abs=0.1)
+    assert task.guess(leapt, None) == pytest.approx([4, 4, 4], abs=0.2)
+    one = sketched(task, begin, [task.blocks[1]], 5, with_leaps=True)
+    assert np.array_equal(one[:, :2], begin[:, :2])
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_rivals_find_the_hill_that_climbing_does_not_lead_to(seed):
     task = problem(PAIR, seed=seed, start=0.2)
@@ -177,8 +226,8 @@ def test_rivals_find_the_hill_that_climbing_does_not_lead_to(seed):
     assert value == hills(x, (0, 1)) > 1 + 1.5
     assert np.array_equal(x[:2], task.start[:2])  # the other mount stays
     assert asked < 400
-    climbed = ScriptSearch(refine_alone, problem(PAIR, seed=seed, start=0.2, max_maps=400))
-    assert Course(climbed, hills, PAIR).run().best_value < 2 + 1e-9
+    refined = ScriptSearch(refine_alone, problem(PAIR, seed=seed, start=0.2, max_maps=400))
+    assert Course(refined, hills, PAIR).run().best_value < 2 + 1e-9
 
 
 @pytest.mark.parametrize("max_maps", [100, 333, 1000, 4000])
@@ -204,19 +253,18 @@ def test_places_that_runs_found_are_combined_at_no_cost_of_maps():
     task = problem(PAIR, start=0.1)
     good, bad = [0.7, 0.7], [0.0, 0.0]
     found = [np.array(one + other) for one, other in ((good, bad), (bad, bad))]
-    run = (found[1], bowl(found[1], ()), [])
-    (x, value, _), _ = told(_recombined(task, run, found), bowl, (0, 1))
+    run = (found[1], bowl(found[1], ()))
+    (x, value), _ = told(_recombined(task, run, found), bowl, (0, 1))
     assert x.tolist() == good + good and value == bowl(x, ())
     worse = [np.array(bad + bad)]
-    run = (found[0], bowl(found[0], ()), [])
-    (x, value, _), _ = told(_recombined(task, run, worse), bowl, (0, 1))
+    run = (found[0], bowl(found[0], ()))
+    (x, value), _ = told(_recombined(task, run, worse), bowl, (0, 1))
     assert x is found[0] and value == bowl(x, ())
 
 
 def test_poses_with_the_best_guess_are_drawn_and_often_on_the_bounds():
-    plain, guided = problem(PAIR), problem(PAIR)
-    guided.guess = lambda x, sensors: np.array([bowl(row, sensors) for row in x])
-    drawn = [_drawn(task, mounts_of(task)[0], 400) for task in (plain, guided)]
+    tasks = problem(PAIR), guided(PAIR, bowl)
+    drawn = [_drawn(task, mounts_of(task)[0], 400) for task in tasks]
     far = [np.linalg.norm(places - 0.7, axis=1).mean() for places in drawn]
     assert far[1] < 0.6 * far[0]
     on_bounds = np.mean((drawn[0] == 0) | (drawn[0] == 1))
@@ -323,7 +371,7 @@ def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method,
     placement = place_sensors(study)
     assert placement.value > placement.start_value
     assert placement.maps_rendered <= most
-    assert {row.method for row in placement.trace} <= {*METHODS, "rivals"}
+    assert {row.method for row in placement.trace} <= {*METHODS, *STAGES}
     assert placement.trace[-1].best == placement.value
     with Evaluator(study) as evaluator:
         assert evaluator(placement.position)[0] == placement.value

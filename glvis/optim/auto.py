@@ -1,15 +1,10 @@
-"""The method for new studies: several starts refined and challenged, the better half for longer.
+"""The method for new studies: many sketches, climbed and challenged, the better half for longer.
 
-Independent mounts start from greedy choices, of which many come from one set of maps. Where
-mounts share variables, maps cannot be shared so, and fewer starts are made. Refinement alone
-stays on the hill it began on; rivals look for others, one block at a time, and what all runs
-found is combined. Before a pose is rendered it is guessed at: ``guess.py``.
-
-The constants were chosen on a kitchen with two Kinects (8,000 maps, 6 to 8 seeds other than those
-reported) whose hidden faces came from a table of rays, to save time. Share of the faces seen:
-54.5 % with uniform draws, 4 starts and refinement; 55.9 % with the best guess of 8 drawn from a
-range 1.5 times as wide; on other seeds, 57.0 % with 16 starts and rivals in every round. About 35
-variants were tried there. Seeds spread by 1 to 1.5 %, so the late choices stand on little.
+Random poses are rendered first, to choose from them and to teach the guess (``guess.py``) what is
+hidden from where. Then whole layouts are sketched by the guess; each sketch is rendered once,
+which teaches the guess where it was wrong, and sketched on. The best begin to climb. Climbing
+alone stays on the hill it began on; rivals look for others, one block at a time, and what all
+found is combined.
 """
 
 from __future__ import annotations
@@ -18,42 +13,47 @@ from itertools import cycle
 
 import numpy as np
 
+from glvis.optim.climb import climbed, sketched
 from glvis.optim.greedy import exchanged, greedy, mounts_of
-from glvis.optim.refine import METHOD, Steps, refine, steps_of
 from glvis.optim.rivals import challenge, cost
 from glvis.optim.script import Block, Floats, Problem, Script
 
-# Shares of the budget at whose end a stage ends: greedy starts, rounds in which half of them
-# drop out, rivals of the last; the rest refines. Of starts so many that each can be challenged.
-_GREEDY, _ROUNDS, _RIVALS = 0.15, 0.7, 0.85
-_REFINED = 0.5  # of a round; the other half goes to rivals
-_STARTS, _STARTS_COUPLED = 16, 2
+METHOD = "sketch"
+# Shares of the budget at whose end a stage ends: greedy starts, sketches, rounds in which half
+# of the runs drop out, rivals of the last; the rest climbs.
+_GREEDY, _SKETCHED, _ROUNDS, _RIVALS = 0.1, 0.16, 0.6, 0.88
+_CLIMBED = 0.3  # of a round; the rest goes to rivals
+_STARTS, _STARTS_COUPLED = 8, 2
+# Layouts sketched at a time, how often each is rendered, and rounds before each time. After
+# every second time the poorer half is begun anew.
+_LINES, _LINES_COUPLED, _DRAFTS, _SKETCH_ROUNDS = 32, 8, 8, 8
 
-Run = tuple[Floats, float, list[Steps]]  # a layout (D,), its value, how it is moved
+Run = tuple[Floats, float]  # a layout (D,) and its value
 
 
 def auto(problem: Problem) -> Script:
     """Search until all maps that may be rendered are."""
     runs = yield from _starts(problem)
-    found = [x for x, _, _ in runs]  # where each start and each rival came to
+    found = [x for x, _ in runs]  # where each start and each rival came to
     blocks, dearest = cycle(problem.blocks), _dearest(problem)
     rounds = len(runs).bit_length() - 1
+    begin = problem.maps_rendered
     for _ in range(rounds):
-        share = (_ROUNDS - _GREEDY) * problem.max_maps / rounds / len(runs)
+        share = (_ROUNDS * problem.max_maps - begin) / rounds / len(runs)
         for number, run in enumerate(runs):
             end = problem.maps_rendered + share
-            run = yield from _refined(problem, run, int(_REFINED * share))
+            run = yield from climbed(problem, run[0], run[1], int(_CLIMBED * share))
             while problem.maps_rendered < end and dearest <= problem.left():
                 run = yield from _challenged(problem, run, next(blocks), found)
             runs[number] = run
-        found += [x for x, _, _ in runs]
+        found += [x for x, _ in runs]
         runs = sorted(runs, key=lambda run: -run[1])[: len(runs) // 2]
         runs[0] = yield from _recombined(problem, runs[0], found)
     run = runs[0]
     while problem.maps_rendered < _RIVALS * problem.max_maps and dearest <= problem.left():
         run = yield from _challenged(problem, run, next(blocks), found)
         run = yield from _recombined(problem, run, found)
-    yield from _refined(problem, run)
+    yield from climbed(problem, *run)
 
 
 def _dearest(problem: Problem) -> int:
@@ -65,14 +65,7 @@ def _challenged(problem: Problem, run: Run, block: Block, found: list[Floats]) -
     """Return a run, or its best rival in a block if that is no worse; note where that came to."""
     rival, value = yield from challenge(problem, run[0], block)
     found.append(rival)
-    return (rival, value, steps_of(problem)) if value >= run[1] else run
-
-
-def _refined(problem: Problem, run: Run, maps: int | None = None) -> Script:
-    """Return a run after so many maps more."""
-    x, value, steps = run
-    better = yield from refine(problem, x, value, steps, maps)
-    return (*better, steps)
+    return (rival, value) if value >= run[1] else run
 
 
 def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
@@ -80,7 +73,7 @@ def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
     mounts = [mount for mount in mounts_of(problem) if mount.is_alone]
     if not mounts:
         return run
-    x, value, _ = run
+    x, value = run
     places: dict[object, Floats] = {}
     for mount in {mount.kind: mount for mount in mounts}.values():
         alike = [other.columns for other in mounts if other.kind == mount.kind]
@@ -90,24 +83,48 @@ def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
         # counted as if none of the maps were kept any more
         if len(known) * len(mount.sensors) * problem.models > problem.left():
             return run
-        yield problem.ask(layouts, mount.sensors, METHOD, mount.sensors)
+        yield problem.ask(layouts, mount.sensors, "recombine", mount.sensors)
     other_value, other = yield from exchanged(problem, mounts, places, x)
-    return (other, float(other_value), steps_of(problem)) if other_value > value else run
+    return (other, float(other_value)) if other_value > value else run
 
 
 def _starts(problem: Problem) -> Script:
-    """Return layouts to refine: (x, value, steps) each, the study's own start among them."""
+    """Return layouts to climb from and their values, the study's own start among them."""
     x = problem.start
     (value,) = yield problem.ask(x[None], range(len(problem.moved_by)), METHOD)
-    found: list[tuple[Floats, float]] = [(x, float(value))]
+    found: list[Run] = [(x, float(value))]
     budget = int(_GREEDY * problem.max_maps)
+    are_alone = all(mount.is_alone for mount in mounts_of(problem))
+    # as many as can be challenged
     starts = min(_STARTS, max(2, int(_ROUNDS * problem.max_maps / _dearest(problem))))
-    if all(mount.is_alone for mount in mounts_of(problem)):
+    if are_alone:
         layouts, values = yield from greedy(problem, budget, starts)
         found += zip(layouts, values.tolist(), strict=True)
     else:
         for _ in range(_STARTS_COUPLED):
             layouts, values = yield from greedy(problem, budget // _STARTS_COUPLED)
             found += zip(layouts, values.tolist(), strict=True)
-    found = sorted(found, key=lambda start: -start[1])[:starts]
-    return [(x, value, steps_of(problem)) for x, value in found]
+    found += yield from _sketches(problem, _LINES if are_alone else _LINES_COUPLED)
+    return sorted(found, key=lambda start: -start[1])[:starts]
+
+
+def _sketches(problem: Problem, lines: int) -> Script:
+    """Return layouts that were sketched, and their values."""
+    sensors = range(len(problem.moved_by))
+    budget = (_SKETCHED - _GREEDY) * problem.max_maps
+    n = min(lines, int(budget / (_DRAFTS * len(sensors) * problem.models)))
+    if n == 0:
+        return []
+    x, values = problem.box.uniform(n, problem.rng, reach=1.5), np.full(n, -np.inf)
+    given_up: list[Run] = []
+    for draft in range(1, _DRAFTS + 1):
+        new = sketched(problem, x, problem.blocks, _SKETCH_ROUNDS, with_leaps=True)
+        told = yield problem.ask(new, sensors, METHOD)
+        is_better = told > values
+        x, values = np.where(is_better[:, None], new, x), np.where(is_better, told, values)
+        if draft % 2 == 0 and draft < _DRAFTS:
+            poor = np.argsort(-values, kind="stable")[(n + 1) // 2 :]
+            given_up += [(x[k], float(values[k])) for k in poor]
+            x[poor] = problem.box.uniform(len(poor), problem.rng, reach=1.5)
+            values[poor] = -np.inf
+    return [*given_up, *zip(x, values.tolist(), strict=True)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import cast
 
 import numpy as np
@@ -96,7 +96,12 @@ class Evaluator(Held):
         rows = list(self.each(positions, sensors))
         return np.array(rows).reshape(len(rows), len(self.study.models))
 
-    def each(self, positions: ArrayLike, sensors: Sequence[int] | None = None) -> Iterator[Floats]:
+    def each(
+        self,
+        positions: ArrayLike,
+        sensors: Sequence[int] | None = None,
+        note: Callable[[list[NDArray[np.uint8]]], None] | None = None,
+    ) -> Iterator[Floats]:
         """Yield the objective on each model (M,), position by position.
 
         Parameters
@@ -105,16 +110,20 @@ class Evaluator(Held):
             In the units of the study file.
         sensors : sequence of int, optional
             Only these sensors look; without it all S.
+        note : callable, optional
+            Is told the maps of each position, (S, F) of 0 and 1, one a model.
         """
         study = self.study
         x = np.atleast_2d(np.asarray(positions, dtype=float))
         looking = list(range(len(study.sensors))) if sensors is None else list(sensors)
         for bits in self._bits(study.rig.poses(x)[:, looking], looking):
             values = np.zeros(len(study.models))
-            for m, model in enumerate(study.models):
-                seen = self._visible(bits, m)
+            maps = [self._visible(bits, m) for m in range(len(study.models))]
+            for m, (model, seen) in enumerate(zip(study.models, maps, strict=True)):
                 counts = np.add.reduce(seen, axis=0, dtype=np.min_scalar_type(len(looking)))
                 values[m] = study.objective.terms(counts, model.areas)["value"]
+            if note is not None:
+                note(maps)
             yield values
 
     def visibility(self, position: ArrayLike) -> list[VisibilityMap]:

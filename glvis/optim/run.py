@@ -129,7 +129,7 @@ class Run:
         search, evaluator = self.search, self._evaluator
         positions = search.ask()
         by_model = []
-        for values in evaluator.each(positions, search.sensors):
+        for values in evaluator.each(positions, search.sensors, search.note):
             if interrupted:
                 return False
             by_model.append(values)

@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from glvis.optim.box import Box
 from glvis.optim.swarm_options import SwarmOptions
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +48,34 @@ class Ask:
 
 
 Script = Generator[Ask, Floats, Any]
+Note = Callable[[list[NDArray[np.uint8]]], None]  # is told maps (S, F), one a model
+
+
+class Learner(Protocol):
+    """Learns from rendered maps, within bounds of its own; see ``guess.Guess``."""
+
+    @property
+    def faces(self) -> int:
+        """How many faces it learns of, n."""
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more can be learned."""
+
+    def sample(self, maps: list[NDArray[np.uint8]]) -> Bools:
+        """Return what is worth keeping (S, n) of maps (S, F), one a model."""
+
+    def unknown(self, positions: Floats, sensors: Sequence[int] | None) -> NDArray[np.intp]:
+        """Return what can still be learned: rows of (position, place in ``sensors``)."""
+
+    def learn(
+        self,
+        positions: Floats,
+        sensors: Sequence[int] | None,
+        which: NDArray[np.intp],
+        seen: Bools,
+    ) -> None:
+        """Learn what was ``seen`` (K, n) from the poses (K, 2) that ``unknown`` named."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +119,8 @@ class Problem:
     guess : callable
         Returns values (P,) that positions (P, D) may have where some sensors look (None: all);
         good for ranks only, and costs no map. Without one, all are equal.
+    learner : Learner, optional
+        What the maps are shown to, so that guesses get better.
     swarm : SwarmOptions
         Of the study.
     maps_rendered : int
@@ -105,6 +136,7 @@ class Problem:
     views: Callable[[Floats], Sequence[object]]
     rng: np.random.Generator
     guess: Callable[[Floats, Sequence[int] | None], Floats] = lambda x, sensors: np.zeros(len(x))
+    learner: Learner | None = None
     swarm: SwarmOptions = field(default_factory=SwarmOptions)
     maps_rendered: int = field(default=0)
 
@@ -166,6 +198,9 @@ class ScriptSearch:
         self._beyond = -1  # iterations allowed whatever they cost
         self._told: list[Floats] = []
         self._maps: list[int] = []
+        self._noted: list[Bools] = []  # of the positions asked for last
+        self._learned: list[NDArray[np.uint8]] = []  # one bit a face, a row a pose
+        self._before: NDArray[np.uint8] | None = None  # the same, of the run that is told again
         self._digest = hashlib.sha256()  # of all positions asked for
         self._next: Ask | None = None
         self._advance(None)
@@ -192,7 +227,16 @@ class ScriptSearch:
         if self._next is None or self.stop_reason is not None:
             raise ValueError(f"the search has ended: {self.stop_reason}")
         self.method, self.sensors = self._next.method, self._next.sensors
+        self._noted = []
         return self._next.positions.copy()
+
+    @property
+    def note(self) -> Note | None:
+        """Wants to be told the maps of each position asked for; None where nothing is learned."""
+        learner = self._problem.learner
+        if learner is None or learner.is_full:
+            return None
+        return lambda maps: self._noted.append(learner.sample(maps))
 
     def tell(self, values: ArrayLike, maps_rendered: int) -> None:
         """Take the values (P,) of the positions asked for last; NaN counts as -inf.
@@ -206,6 +250,7 @@ class ScriptSearch:
         v = np.asarray(values, dtype=float)
         if ask is None or v.shape != (len(ask.positions),):
             raise ValueError(f"values of shape {v.shape} are not those of what was asked for")
+        self._learn(ask)
         v = np.where(np.isnan(v), -math.inf, v)
         self._told.append(v)
         self._maps.append(maps_rendered)
@@ -233,6 +278,7 @@ class ScriptSearch:
         return {
             "values": np.concatenate([np.zeros(0), *self._told]),
             "maps": np.array(self._maps, dtype=np.int64),
+            "learned": np.concatenate(self._learned or [np.zeros((0, 0), np.uint8)]),
             "json": np.array(json.dumps(head)),
         }
 
@@ -246,19 +292,35 @@ class ScriptSearch:
         """
         head = json.loads(str(state["json"]))
         values, first = state["values"], 0
+        self._before = state["learned"]
         for maps in state["maps"].tolist():
             if self._next is None:
                 break
             n = len(self._next.positions)
             self.tell(values[first : first + n], maps)
             first += n
+        self._before = None
         if first != len(values) or self._digest.hexdigest() != head["digest"]:
-            raise StudyError(
-                "the search cannot go on: this version of glvis or NumPy would have searched "
-                "in another way"
-            )
+            raise _another_way()
         self._beyond = head["beyond"]
         self.stop_reason = self._rule_that_stops()
+
+    def _learn(self, ask: Ask) -> None:
+        """Show the learner what was noted of the maps asked for, or was before a break."""
+        learner = self._problem.learner
+        if learner is None or learner.is_full:
+            return
+        which = learner.unknown(ask.positions, ask.sensors)
+        if self._before is None:
+            noted = [self._noted[p][column] for p, column in which.tolist()]
+            bits = np.packbits(np.array(noted, bool).reshape(-1, learner.faces), axis=1)
+        else:
+            bits, self._before = self._before[: len(which)], self._before[len(which) :]
+            if len(bits) < len(which):
+                raise _another_way()
+        self._learned.append(bits)
+        seen = np.unpackbits(bits, axis=1, count=learner.faces).astype(bool)
+        learner.learn(ask.positions, ask.sensors, which, seen)
 
     def _advance(self, values: Floats | None) -> None:
         try:
@@ -283,3 +345,9 @@ class ScriptSearch:
     def _is_spent(self) -> bool:
         """Whether what is asked for next may cost more maps than are left."""
         return self._next is not None and self._next.cost > self._problem.left()
+
+
+def _another_way() -> StudyError:
+    return StudyError(
+        "the search cannot go on: this version of glvis or NumPy would have searched in another way"
+    )

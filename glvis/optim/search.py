@@ -19,7 +19,7 @@ from glvis.optim.differential import differential_evolution
 from glvis.optim.greedy import greedy_alone
 from glvis.optim.guess import Guess
 from glvis.optim.refine import refine_alone
-from glvis.optim.script import Problem, Script, ScriptSearch
+from glvis.optim.script import Note, Problem, Script, ScriptSearch
 from glvis.optim.search_options import MAPS
 from glvis.optim.swarm import Swarm
 
@@ -76,6 +76,10 @@ class Search(Protocol):
         """Largest value told so far."""
 
     @property
+    def note(self) -> Note | None:
+        """What wants the maps of the positions asked for, if so; see ``Evaluator.each``."""
+
+    @property
     def iterations(self) -> int | None:
         """The most iterations there can be; None where they do not end the search."""
 
@@ -113,6 +117,7 @@ class SwarmSearch(Swarm):
     method = "swarm"
     sensors: Sequence[int] | None = None
     most_maps: int | None = None
+    note: Note | None = None  # it learns from values alone
 
     def tell(self, values: ArrayLike, maps_rendered: int = 0) -> None:
         """Take the values (P,) of the positions asked for last."""
@@ -164,6 +169,7 @@ def new_search(study: Study, most_poses: int) -> Search:
         poses = rig.poses(x)
         return [(kind, pose.tobytes()) for kind, pose in zip(rig.sensor_kinds, poses, strict=True)]
 
+    guess = Guess(study)
     problem = Problem(
         box=box,
         start=box.inside(rig.start),
@@ -173,7 +179,8 @@ def new_search(study: Study, most_poses: int) -> Search:
         most_poses=most_poses,
         views=views,
         rng=np.random.default_rng(study.swarm.seed),
-        guess=Guess(study),
+        guess=guess,
+        learner=guess if method == "auto" else None,
         swarm=study.swarm,
     )
     return ScriptSearch(METHODS[method], problem)

@@ -1,0 +1,96 @@
+"""Climbing: one block of variables at a time, by steps of all sizes, guessed at before rendered.
+
+Of many steps those that may be good are rendered (``climbed``), or none at all (``sketched``):
+a layout that is only sketched costs no map, and shows where it is worth to render any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from glvis.optim.script import Block, Floats, Problem, Script
+
+METHOD = "climb"
+# Rendered of each climb, and guessed at for each of them. See auto.py for what was measured.
+TRIES, _TRIED_OF = 4, 16
+_STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
+_SKETCHED_AMONG = 32  # steps of a sketch
+
+
+def climbed(problem: Problem, x: Floats, value: float, maps: int | None = None) -> Script:
+    """Return a better layout (D,) and its value; without ``maps``, until somebody stops it.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is searched.
+    x, value : (D,) float64, float
+        Where to begin, and its value.
+    maps : int, optional
+        To spend, about.
+    """
+    begin = problem.maps_rendered
+    while maps is None or problem.maps_rendered - begin < maps:
+        for block in problem.blocks:
+            tried = likely(problem, x, block)
+            values = yield problem.ask(tried, block.sensors, METHOD)
+            best = int(values.argmax())
+            if values[best] >= value:  # on a plateau it may wander
+                x, value = tried[best], float(values[best])
+    return x, value
+
+
+def likely(problem: Problem, x: Floats, block: Block) -> Floats:
+    """Return the positions (TRIES, D) around one (D,) that have the best guesses of many."""
+    around = near(problem, x[None], block, TRIES * _TRIED_OF)[0]
+    return around[np.argsort(-problem.guess(around, None), kind="stable")[:TRIES]]
+
+
+def near(problem: Problem, x: Floats, block: Block, n: int) -> Floats:
+    """Return positions (K, n, D) at all distances from x (K, D), about half of the block moved."""
+    rng, box, columns = problem.rng, problem.box, np.array(block.columns)
+    shape = (len(x), n, len(columns))
+    size = 10 ** rng.uniform(*_STEPS, (*shape[:2], 1))
+    moved = rng.random(shape) < 0.5
+    moved |= np.arange(len(columns)) == rng.integers(len(columns), size=(*shape[:2], 1))
+    around = np.repeat(x[:, None], n, axis=1)
+    around[:, :, columns] += size * moved * rng.standard_normal(shape) * box.range[columns]
+    return box.inside(around)
+
+
+def anywhere(problem: Problem, x: Floats, block: Block, n: int) -> Floats:
+    """Return positions (K, n, D) that differ from x (K, D) in a block, which may be anywhere."""
+    columns = np.array(block.columns)
+    drawn = problem.box.uniform(len(x) * n, problem.rng, reach=1.5).reshape(len(x), n, -1)
+    places = np.repeat(x[:, None], n, axis=1)
+    places[:, :, columns] = drawn[:, :, columns]
+    return places
+
+
+def sketched(
+    problem: Problem, x: Floats, blocks: Sequence[Block], rounds: int, *, with_leaps: bool
+) -> Floats:
+    """Return layouts (K, D) moved from x (K, D) to where the guess is better, each by itself.
+
+    ``with_leaps`` lets a block leave for anywhere as well.
+    """
+    guesses = problem.guess(x, None)
+    for _ in range(rounds):
+        for block in blocks:
+            tried = near(problem, x, block, _SKETCHED_AMONG)
+            if with_leaps:
+                leaps = anywhere(problem, x, block, _SKETCHED_AMONG)
+                tried = np.concatenate([leaps, tried], axis=1)
+            x, guesses = best_of(problem, x, guesses, tried)
+    return x
+
+
+def best_of(problem: Problem, x: Floats, guesses: Floats, tried: Floats) -> tuple[Floats, Floats]:
+    """Return for each of x (K, D) the best guess of ``tried`` (K, n, D), if better, and guesses."""
+    told = problem.guess(tried.reshape(-1, x.shape[1]), None).reshape(tried.shape[:2])
+    rows, best = np.arange(len(x)), told.argmax(axis=1)
+    is_better = told[rows, best] > guesses
+    x = np.where(is_better[:, None], tried[rows, best], x)
+    return x, np.where(is_better, told[rows, best], guesses)
