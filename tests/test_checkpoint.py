@@ -61,12 +61,12 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
 
 
 def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkeypatch):
-    study = load_study(study.path, ["search.method=auto", "search.max_maps=1500"])
+    study = load_study(study.path, ["search.method=auto", "search.max_maps=700"])
     monkeypatch.setattr("glvis.optim.guess._MOST_POSES", 150)  # learned up to some way in
     unbroken = place_sensors(study)
     assert {"sketch", "climb", "rivals"} <= {row.method for row in unbroken.trace}
     sizes = []
-    for resume, iteration in enumerate((0, 1, 5, 12, 60)):
+    for resume, iteration in enumerate((0, 5, 40)):
         with pytest.raises(Broken):
             place_sensors(
                 study, checkpoint=path, resume=resume > 0, on_iteration=break_after(iteration)
@@ -75,8 +75,9 @@ def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkey
         sizes.append(learned.shape)
     faces = sum(min(600, model.n_faces) for model in study.models)
     assert sizes[-1] == (150, -(-faces // 8))
-    assert sizes[0][0] < sizes[1][0] < sizes[-1][0]
-    assert_same(place_sensors(study, workers=2, checkpoint=path, resume=True), unbroken)
+    assert sizes[0][0] < sizes[1][0] < 150
+    resumed = place_sensors(study, workers=2, checkpoint=path, resume=True)
+    assert_same_placements(resumed, unbroken)
 
 
 def test_search_that_learned_less_than_it_was_told_cannot_go_on(study, path):
