@@ -63,6 +63,7 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
 def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkeypatch):
     study = load_study(study.path, ["search.method=auto", "search.max_maps=700"])
     monkeypatch.setattr("glvis.optim.guess._MOST_POSES", 150)  # learned up to some way in
+    monkeypatch.setattr("glvis.optim.auto._SKETCH_ROUNDS", 1)  # quick
     unbroken = place_sensors(study)
     assert {"sketch", "climb", "rivals"} <= {row.method for row in unbroken.trace}
     sizes = []
