@@ -23,6 +23,7 @@ import numpy as np
 
 from glvis.optim.climb import climbed, sketched
 from glvis.optim.greedy import exchanged, greedy, mounts_of
+from glvis.optim.refine import refine, steps_of
 from glvis.optim.rivals import challenge, cost
 from glvis.optim.script import Block, Floats, Problem, Script
 
@@ -61,7 +62,11 @@ def auto(problem: Problem) -> Script:
     while problem.maps_rendered < _RIVALS * problem.max_maps and dearest <= problem.left():
         run = yield from _challenged(problem, run, next(blocks), found)
         run = yield from _recombined(problem, run, found)
-    yield from climbed(problem, *run)
+    if all(mount.is_alone for mount in mounts_of(problem)):
+        yield from climbed(problem, *run)
+    else:  # where mounts share variables, steps that learn a direction may help in the end
+        x, value = yield from climbed(problem, *run, maps=problem.left() // 2)
+        yield from refine(problem, x, value, steps_of(problem))
 
 
 def _dearest(problem: Problem) -> int:
