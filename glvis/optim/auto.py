@@ -65,7 +65,7 @@ def auto(problem: Problem) -> Script:
     if all(mount.is_alone for mount in mounts_of(problem)):
         yield from climbed(problem, *run)
     else:  # where mounts share variables, steps that learn a direction may help in the end
-        x, value = yield from climbed(problem, *run, maps=problem.left() // 2)
+        x, value = yield from climbed(problem, run[0], run[1], problem.left() // 2)
         yield from refine(problem, x, value, steps_of(problem))
 
 
