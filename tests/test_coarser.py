@@ -63,6 +63,24 @@ def test_triangles_that_share_no_vertex_are_left_alone():
     assert np.array_equal(coarse.vertices[coarse.faces], fine.vertices[fine.faces])
 
 
+def test_a_sheet_modelled_from_both_sides_keeps_its_rim():
+    strip = shapes.plate(2.0, 0.04, cells=(100, 4))
+    fine, coarse = merged(shapes.merged(strip, shapes.flipped(strip)), 0.1)
+    assert fine.boundary_edges == 0  # at the rim each edge has two faces
+    assert np.allclose(coarse.bounds, fine.bounds)
+    assert np.isclose(coarse.areas.sum(), fine.areas.sum())
+
+
+def test_what_no_edge_joins_stays_apart():
+    left = shapes.plate(1.0, cells=(40, 40))
+    both = Model.from_arrays("two", *shapes.merged(left, shapes.moved(left, (1.02, 0, 0))))
+    nothing = np.zeros(0, dtype=int)  # as if the rims were no boundary
+    coarse = coarser.merged(both, nothing, 0.3)
+    assert coarse.n_faces < 0.1 * both.n_faces
+    x = coarse.vertices[coarse.faces][..., 0]
+    assert np.all((x.max(axis=1) <= 0.5) | (x.min(axis=1) >= 0.52))
+
+
 @pytest.fixture
 def for_small_models(monkeypatch):
     """Let small models have coarser occluders too."""
@@ -132,6 +150,15 @@ def test_cells_too_many_to_be_numbered_are_not_made(most, is_used, for_small_mod
     with mapper(body, criterion="centroid", resolution=(100, 100)) as made:
         made.looks(poses, device)
         assert bool(made._stand_ins._made) == is_used
+
+
+def test_a_mesh_of_separate_triangles_is_not_copied(for_small_models):
+    vertices, faces = shapes.icosphere(4)
+    apart = vertices[faces].reshape(-1, 3) * (1 + 1e-9 * np.arange(3 * len(faces))[:, None])
+    poses = random_poses(np.random.default_rng(0), 2, distance=4)
+    with mapper((apart, np.arange(len(apart)).reshape(-1, 3)), criterion="centroid") as made:
+        assert made.looks(poses, sensor()).any()
+        assert made._stand_ins._made and not any(made._stand_ins._made.values())
 
 
 def test_pixels_are_counted_behind_the_faces_themselves(for_small_models):

@@ -2,9 +2,10 @@
 
 Where a mesh of many faces hides centres of mass, what matters is where its surface lies to about
 a pixel, not each of its faces. So vertices are merged within cells of a grid, some pixels wide,
-and the few larger faces that are left hide instead. Merging may not close gaps or lose thin
-parts: only vertices whose surroundings face alike are merged, so that a rod or a plate thinner
-than a cell keeps its sides, and vertices on a boundary stay as they are.
+and the few larger faces that are left hide instead. Merging may not close gaps or lose thin parts:
+only vertices are merged that edges within the cell join and whose surroundings face alike, so that
+a rod or a plate thinner than a cell keeps its sides. Vertices on a boundary stay as they are, and
+so do those of sheets that are modelled from both sides.
 
 A view's level follows from its pose alone, so that a map is the same whatever was made before.
 """
@@ -15,6 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from glvis.inputs.scene import Model
 from glvis.sight.clusters import Clusters
@@ -23,6 +26,7 @@ from glvis.sight.renderer import Selection
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
 
+Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 # Width of a cell in pixels. With cells of 2, 3 and 4 pixels, maps by centre of a mesh of 416,000
@@ -35,6 +39,11 @@ _CLUSTER = 8  # faces; few, for they are large and their directions far apart
 # shares of the model's size and of the nearest depth.
 _MOST_OF_SIZE, _MOST_OF_NEAREST = 1 / 64, 2.0
 _MOST_CELLS = 2**19  # along an axis: their numbers, six bins each, fit into 64 bits
+# Length of the mean of the normals around a vertex below which it stays: sheets whose both sides
+# are modelled cancel to 0, a right-angled edge has 0.7.
+_AGREE = 0.5
+# Of the faces; where more are left, the faces themselves hide: they cost as little and are exact.
+_MOST_LEFT = 0.7
 # Turns the six bins of direction away from the axes, which flat parts often face.
 _TURN = ((0.54, -0.64, 0.55), (0.80, 0.60, -0.08), (-0.28, 0.48, 0.83))
 
@@ -55,10 +64,15 @@ def merged(model: Model, boundary: NDArray[np.intp], cell: float) -> Model:
     place = np.floor((model.vertices - model.bounds[0]) / cell).astype(np.int64)
     width = place.max(axis=0) + 1
     key = (place[:, 0] * width[1] + place[:, 1]) * width[2] + place[:, 2]
-    key = 6 * key + _direction(model)
-    key[boundary] = key.max() + 1 + np.arange(len(boundary))
-    _, group = np.unique(key, return_inverse=True)
-    group = group.reshape(n)
+    direction, agrees = _directions(model)
+    key = 6 * key + direction
+    stays = ~agrees
+    stays[boundary] = True
+    # along edges only, so that both sides of a gap stay apart
+    start, end = model.faces.ravel(), np.roll(model.faces, -1, axis=1).ravel()
+    joined = (key[start] == key[end]) & ~stays[start] & ~stays[end]
+    edges = (np.ones(np.count_nonzero(joined), dtype=bool), (start[joined], end[joined]))
+    _, group = connected_components(coo_array(edges, shape=(n, n)), directed=False)
     weight = np.bincount(group)
     sums = [np.bincount(group, model.vertices[:, axis]) for axis in range(3)]
     faces = group[model.faces]
@@ -67,17 +81,19 @@ def merged(model: Model, boundary: NDArray[np.intp], cell: float) -> Model:
     return Model(model.name, np.stack(sums, axis=1) / weight[:, None], faces)
 
 
-def _direction(model: Model) -> NDArray[np.int64]:
-    """Return which of six ways each vertex faces, (V,): the largest part of its mean normal."""
-    sums = np.zeros((3, len(model.vertices)))
-    for axis in range(3):
-        weighted = model.areas * model.normals[:, axis]
-        for corner in range(3):
-            sums[axis] += np.bincount(model.faces[:, corner], weighted, len(model.vertices))
+def _directions(model: Model) -> tuple[NDArray[np.int64], Bools]:
+    """Return which of six ways each vertex faces, and whether its faces agree, (V,) each."""
+    sums = np.zeros((4, len(model.vertices)))
+    for corner in range(3):
+        at = model.faces[:, corner]
+        sums[3] += np.bincount(at, model.areas, len(model.vertices))
+        for axis in range(3):
+            sums[axis] += np.bincount(at, model.areas * model.normals[:, axis], sums.shape[1])
     # no matrix product, whose last bits depend on the machine
     turned = np.stack([row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2] for row in _TURN])
     axis = np.abs(turned).argmax(axis=0)
-    return 2 * axis + (np.take_along_axis(turned, axis[None], axis=0)[0] > 0)
+    towards = np.take_along_axis(turned, axis[None], axis=0)[0] > 0
+    return 2 * axis + towards, np.sum(sums[:3] ** 2, axis=0) >= (_AGREE * sums[3]) ** 2
 
 
 class StandIns:
@@ -91,12 +107,13 @@ class StandIns:
 
     def __init__(self, origin: Floats) -> None:
         self._origin = origin
-        self._made: dict[tuple[Surface, int], tuple[Surface, Culling]] = {}
+        self._made: dict[tuple[Surface, int], tuple[Surface, Culling] | None] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for surface, _ in self._made.values():
-            surface.release()
+        for made in self._made.values():
+            if made:
+                made[0].release()
         self._made.clear()
 
     def instead_of(
@@ -107,20 +124,27 @@ class StandIns:
         if surface.clusters.model.n_faces < _FROM_FACES:
             return [selection]
         levels = _levels(surface, views, resolution)
-        instead = [replace(selection, mask=selection.mask & (levels == 0)[:, None])]
+        instead = []
         for level in np.unique(levels[levels > 0]).tolist():
-            coarse, culling = self._coarse(surface, level)
+            made = self._coarse(surface, level)
+            if not made:
+                levels[levels == level] = 0
+                continue
+            coarse, culling = made
             mask = culling.in_frustum(views.planes) & (levels == level)[:, None]
             mask &= (culling.most_height(views.eye) >= 0) | ~selection.cull_backs[:, None]
             instead.append(Selection(coarse, mask, selection.cull_backs))
-        return instead
+        return [replace(selection, mask=selection.mask & (levels == 0)[:, None]), *instead]
 
-    def _coarse(self, surface: Surface, level: int) -> tuple[Surface, Culling]:
+    def _coarse(self, surface: Surface, level: int) -> tuple[Surface, Culling] | None:
+        """Return a level of a surface, or None where it is not worth having."""
         if (surface, level) not in self._made:
             clusters = surface.clusters
             model = merged(clusters.model, clusters.boundary_vertices, _cell(surface, level))
-            made = Surface(Clusters.of(model, _CLUSTER), self._origin, is_target=False)
-            self._made[surface, level] = made, Culling([made])
+            self._made[surface, level] = None
+            if 0 < model.n_faces <= _MOST_LEFT * clusters.model.n_faces:
+                made = Surface(Clusters.of(model, _CLUSTER), self._origin, is_target=False)
+                self._made[surface, level] = made, Culling([made])
         return self._made[surface, level]
 
 

@@ -48,6 +48,8 @@ class Surface:
 
     def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
         """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
+        if not mask.any():
+            return
         if by_face:
             mask = mask[self.clusters.order]
         self._layout("ids" if "face_id" in program else "positions").draw(program, mask)
