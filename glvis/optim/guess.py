@@ -24,11 +24,11 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-# Faces looked at, of all models together, but some of each; more made climbing no quicker. In a kitchen of 6,508 faces, of
-# what each of 4,000 random poses would add to two others, the ranks agree with those by maps to
-# 0.70 (Spearman) where no map is known, 0.92 where 500 random ones are, 0.96 with 1,800 or 6,000,
-# 0.97 with 20,000, and 0.98 by the true maps (800 faces, 16 eyes; one eye 0.87, four 0.94,
-# thirty-two no more than sixteen; eyes weighed by rank, the majority won).
+# Faces looked at, of all models together, but some of each; more made climbing no quicker. In a
+# kitchen of 6,508 faces, of what each of 4,000 random poses would add to two others, the ranks
+# agree with those by maps to 0.70 (Spearman) where no map is known, 0.92 where 500 random ones are,
+# 0.96 with 1,800 or 6,000, 0.97 with 20,000, and 0.98 by the true maps (800 faces, 16 eyes; one eye
+# 0.87, four 0.94, thirty-two no more than sixteen; eyes weighed by rank, the majority won).
 _FACES, _LEAST = 600, 100
 # What is remembered: poses, and bytes in a checkpoint, one bit a face.
 _MOST_POSES, _MOST_BYTES = 1 << 14, 1 << 20
