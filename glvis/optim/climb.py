@@ -17,6 +17,12 @@ METHOD = "climb"
 TRIES, _TRIED_OF = 4, 16
 _STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
 _SKETCHED_AMONG = 32  # steps of a sketch
+_LEAST = 4  # of both, where many sensors move at once
+
+
+def _fewer(n: int, block: Block) -> int:
+    """Return how many steps to guess at: by the sensors that move, or guessing takes too long."""
+    return max(n // len(block.sensors), _LEAST)
 
 
 def climbed(problem: Problem, x: Floats, value: float, maps: int | None = None) -> Script:
@@ -44,7 +50,7 @@ def climbed(problem: Problem, x: Floats, value: float, maps: int | None = None) 
 
 def likely(problem: Problem, x: Floats, block: Block) -> Floats:
     """Return the positions (TRIES, D) around one (D,) that have the best guesses of many."""
-    around = near(problem, x[None], block, TRIES * _TRIED_OF)[0]
+    around = near(problem, x[None], block, TRIES * _fewer(_TRIED_OF, block))[0]
     return around[np.argsort(-problem.guess(around, None), kind="stable")[:TRIES]]
 
 
@@ -79,9 +85,10 @@ def sketched(
     guesses = problem.guess(x, None)
     for _ in range(rounds):
         for block in blocks:
-            tried = near(problem, x, block, _SKETCHED_AMONG)
+            among = _fewer(_SKETCHED_AMONG, block)
+            tried = near(problem, x, block, among)
             if with_leaps:
-                leaps = anywhere(problem, x, block, _SKETCHED_AMONG)
+                leaps = anywhere(problem, x, block, among)
                 tried = np.concatenate([leaps, tried], axis=1)
             x, guesses = best_of(problem, x, guesses, tried)
     return x
