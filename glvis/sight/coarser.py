@@ -31,8 +31,8 @@ Floats = NDArray[np.float64]
 
 # Width of a cell in pixels. With cells of 2, 3 and 4 pixels, maps by centre of a mesh of 416,000
 # faces agree with centroid rays to 0.9994, 0.9993 and 0.9987, with the faces themselves to 0.9995.
-# That mesh is smooth; on waves of 2 pixels height and 12 length, seen at 60 degrees, cells of 3 agree
-# to 0.951 and the faces themselves to 0.959.
+# That mesh is smooth; on waves of 2 pixels height and 12 length, seen at 60 degrees, cells of 3
+# agree to 0.951 and the faces themselves to 0.959.
 _PIXELS = 3.0
 _FROM_FACES = 100_000  # models of fewer cost little as they are
 _LEVELS_AN_OCTAVE = 2
