@@ -199,10 +199,11 @@ class Caster:
                 visible[some] = faces_in_images(images, n_faces, rules.min_pixels)
         words = np.frombuffer(seen.read(listed.nbytes), dtype="<u4") if listed.size else listed
         begin = n_cast
-        for view, count in enumerate(np.sum([mask.sum(axis=1) for mask in to_judge], axis=0)):
-            mine = slice(begin, begin + count)
-            visible[view, _faces_of(targets.surface.clusters, listed[mine], words[mine])] = True
-            begin += count
+        for view, dispatches in enumerate(judging):
+            end = begin + work.n_listed_by(dispatches)
+            found = _faces_of(targets.surface.clusters, listed[begin:end], words[begin:end])
+            visible[view, found] = True
+            begin = end
         return visible
 
     def _hold(self, name: str, values: NDArray[Any]) -> Any:
