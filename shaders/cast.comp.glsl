@@ -13,23 +13,24 @@
 // out: seen    a word a cluster, one bit a face; 0 before
 layout(local_size_x = 64) in;
 
-// Tables, 4096 rows of four words a line; coordinates are the bits of floats.
-layout(binding = 0) uniform usampler2D vertices;    // xyz: world frame relative to the origin
-layout(binding = 1) uniform usampler2D corners;     // xyz: vertex numbers
-layout(binding = 2) uniform usampler2D centroids;   // xyz: as vertices
-layout(binding = 3) uniform usampler2D normals;     // xyz: unit
-layout(binding = 4) uniform sampler2D drawn;        // OpenGL depth
+// Two texels a face, 2048 faces a line: nine coordinates of 28 bits. Eight words have one each in
+// their lower bits, a.xyz, b.xyz and c.xy; c.z is in the upper bits, lowest first. Fetching is the
+// dearest step in software, so nothing is fetched that these tell.
+layout(binding = 0) uniform usampler2D faces;
+layout(binding = 1) uniform sampler2D drawn;        // OpenGL depth
 
 layout(std430, binding = 0) readonly buffer Clusters { uint clusters[]; };
 layout(std430, binding = 1) buffer Depth { uint depth[]; };
 layout(std430, binding = 2) buffer Seen { uint seen[]; };
 
 layout(std140, binding = 0) uniform View {
-    mat4 world_to_camera;
-    vec4 tangent_to_pixel;      // scale xy, offset zw
+    mat4 world_to_camera;       // of points relative to the origin
     vec2 working_range;         // minD, maxD as depth
     vec2 min_cos;               // of the incidence: by the ray, 0 for any; by the axis, -2 for any
     vec2 clip;                  // near and far plane of what was drawn
+    vec2 unused;
+    vec4 tangent_to_pixel;      // scale xy, offset zw
+    vec4 lattice;               // of the faces: its middle relative to the origin xyz, its step w
     float tolerance;            // share of its depth by which something nearer hides a centre
     float cull_backs;           // 1: backs hide nothing
     ivec2 size;                 // of the image, pixels
@@ -39,12 +40,28 @@ layout(std140, binding = 0) uniform View {
     uint size_log2;             // faces in one, at most 32
 };
 
-uvec4 row(usampler2D table, uint i) { return texelFetch(table, ivec2(i & 4095u, i >> 12), 0); }
+const uint COORDINATE = (1u << 28) - 1u;
+const int MIDDLE = 1 << 27;
+
+// A face's corners on the lattice.
+ivec3[3] corners_of(uint face) {
+    ivec2 at = ivec2(2u * (face & 2047u), face >> 11);
+    uvec4 one = texelFetch(faces, at, 0), other = texelFetch(faces, at + ivec2(1, 0), 0);
+    uvec4 low = one >> 28, high = other >> 28;
+    uint last = low.x | low.y << 4 | low.z << 8 | low.w << 12
+        | high.x << 16 | high.y << 20 | high.z << 24;
+    one &= COORDINATE;
+    other &= COORDINATE;
+    return ivec3[3](
+        ivec3(one.xyz) - MIDDLE, ivec3(one.w, other.xy) - MIDDLE, ivec3(other.zw, last) - MIDDLE
+    );
+}
 
 // precise: both passes, and both faces at an edge, must get the same numbers.
-vec3 in_camera(uvec4 bits) {
-    precise vec4 place = world_to_camera * vec4(uintBitsToFloat(bits.xyz), 1.0);
-    return place.xyz;
+vec3 in_camera(ivec3 corner) {
+    precise vec3 place = vec3(corner) * lattice.w + lattice.xyz;
+    precise vec4 seen = world_to_camera * vec4(place, 1.0);
+    return seen.xyz;
 }
 
 vec2 pixel_of(vec2 tangent) {
@@ -69,11 +86,7 @@ struct Triangle {
     ivec2 from, to;
 };
 
-Triangle triangle_of(uint face) {
-    uvec4 vertex = row(corners, face);
-    vec3 a = in_camera(row(vertices, vertex.x));
-    vec3 b = in_camera(row(vertices, vertex.y));
-    vec3 c = in_camera(row(vertices, vertex.z));
+Triangle triangle_of(vec3 a, vec3 b, vec3 c) {
     Triangle t;
     t.nearness = 1.0 / vec3(a.z, b.z, c.z);
     t.a = pixel_of(a.xy * t.nearness.x);
@@ -97,24 +110,68 @@ float distance_at(Triangle t, ivec2 at) {
     return hits ? distance : -1.0;
 }
 
-// Software rasterisers skip no branch, but they do leave loops: hence loops of 0 or 1 turns.
+// A walk over the pixels that a face may cover, row by row, from its edges on the left to those on
+// the right. It is a little too wide, for distance_at alone decides.
+struct Walk {
+    ivec2 at;
+    int end;                        // of the row
+    vec3 left, right;               // where edges cross the middle of the row
+    vec3 left_lean, right_lean;     // how far they move to the next
+};
+
+const float SPARE = 0.01;           // pixels, far beyond what float32 rounds
+const float LEVEL = 1e-4;           // an edge that rises by less bounds no row
+const float ANYWHERE = 1e5;
+
+void begin_row(Triangle t, inout Walk walk) {
+    float left = max(walk.left.x, max(walk.left.y, walk.left.z));
+    float right = min(walk.right.x, min(walk.right.y, walk.right.z));
+    walk.at.x = clamp(int(ceil(left)), t.from.x, t.to.x);
+    walk.end = min(int(floor(right)), t.to.x);
+}
+
+Walk first_of(Triangle t, bool is_left_out) {
+    vec3 x = vec3(t.a.x, t.b.x, t.c.x) - 0.5, y = vec3(t.a.y, t.b.y, t.c.y) - 0.5;
+    vec3 rise = y.yzx - y, lean = (x.yzx - x) / rise, spare = SPARE * (1.0 + abs(lean));
+    vec3 crossing = x + (float(t.from.y) - y) * lean;
+    bvec3 on_left = lessThan(t.side * rise, vec3(-LEVEL));
+    bvec3 on_right = greaterThan(t.side * rise, vec3(LEVEL));
+    bool is_empty = is_left_out || t.from.x > t.to.x;
+    Walk walk;
+    walk.at.y = is_empty ? t.to.y + 1 : t.from.y;
+    walk.left = mix(vec3(-ANYWHERE), crossing - spare, on_left);
+    walk.right = mix(vec3(ANYWHERE), crossing + spare, on_right);
+    walk.left_lean = mix(vec3(0.0), lean, on_left);
+    walk.right_lean = mix(vec3(0.0), lean, on_right);
+    begin_row(t, walk);
+    return walk;
+}
+
+void go_on(Triangle t, inout Walk walk) {
+    Walk next = walk;
+    next.left += next.left_lean;
+    next.right += next.right_lean;
+    next.at.y += 1;
+    begin_row(t, next);
+    walk.at.x += 1;
+    if (walk.at.x > walk.end) walk = next;
+}
+
+// Software skips no branch, and a loop within a loop costs it as much as all the rest: a walk is one
+// loop, and an invocation too many does again what the last cluster's do.
 
 #ifndef JUDGE
 void main() {
     uint i = gl_GlobalInvocationID.x, number = i >> size_log2;
     uint cluster = clusters[first_cluster + min(number, n_clusters - 1u)];
     uint face = (cluster << size_log2) + (i & ((1u << size_log2) - 1u));
-    int alive = number < n_clusters ? 1 : 0;
-    for (int once = 0; once < alive; ++once) {
-        Triangle t = triangle_of(face);
-        if (t.side <= 0.0 && cull_backs > 0.5) t.from = size;   // CropBack
-        for (int y = t.from.y; y <= t.to.y; ++y) {
-            for (int x = t.from.x; x <= t.to.x; ++x) {
-                float distance = distance_at(t, ivec2(x, y));
-                uint bits = floatBitsToUint(distance);
-                if (distance > 0.0) atomicMin(depth[(first_row + y) * size.x + x], bits);
-            }
-        }
+    ivec3[3] corners = corners_of(face);
+    Triangle t = triangle_of(in_camera(corners[0]), in_camera(corners[1]), in_camera(corners[2]));
+    bool is_left_out = t.side <= 0.0 && cull_backs > 0.5;   // CropBack
+    for (Walk walk = first_of(t, is_left_out); walk.at.y <= t.to.y; go_on(t, walk)) {
+        float distance = distance_at(t, walk.at);
+        uint bits = floatBitsToUint(distance);
+        if (distance > 0.0) atomicMin(depth[(first_row + walk.at.y) * size.x + walk.at.x], bits);
     }
 }
 #else
@@ -145,23 +202,23 @@ bool shows_centre(vec3 centre, vec3 normal, float height) {
         && nearest(at) >= plane - tolerance * centre.z;
 }
 
-bool shows_pixels(uint face, float height) {
-    Triangle t = triangle_of(face);
+bool shows_pixels(Triangle t, float height, bool is_left_out) {
     int pixels = 0;
-    for (int y = t.from.y; y <= t.to.y; ++y) {
-        for (int x = t.from.x; x <= t.to.x; ++x) {
-            float distance = distance_at(t, ivec2(x, y));
-            if (distance > 0.0 && accepts(distance, ray_through(vec2(x, y) + 0.5), height)
-                && distance <= nearest(ivec2(x, y)) * (1.0 + 1e-6)) ++pixels;
-            if (pixels >= min_pixels) { x = t.to.x; y = t.to.y; }
-        }
+    Walk walk = first_of(t, is_left_out);
+    for (; walk.at.y <= t.to.y && pixels < min_pixels; go_on(t, walk)) {
+        float distance = distance_at(t, walk.at);
+        if (distance > 0.0 && accepts(distance, ray_through(vec2(walk.at) + 0.5), height)
+            && distance <= nearest(walk.at) * (1.0 + 1e-6)) ++pixels;
     }
     return pixels >= min_pixels;
 }
 
 bool is_seen(uint face, bool is_small) {
-    vec3 centre = in_camera(row(centroids, face));
-    vec3 normal = mat3(world_to_camera) * uintBitsToFloat(row(normals, face).xyz);
+    ivec3[3] corners = corners_of(face);
+    vec3 a = in_camera(corners[0]), b = in_camera(corners[1]), c = in_camera(corners[2]);
+    vec3 centre = (a + b + c) / 3.0;
+    vec3 normal = cross(vec3(corners[1] - corners[0]), vec3(corners[2] - corners[0]));
+    normal = normalize(mat3(world_to_camera) * normal);
     float height = -dot(normal, centre);   // of the eye above the face's plane
     bool faces = height > 0.0 && -normal.z >= min_cos.y;   // CropBack, CropNorm by the axis
     bool shows = false;
@@ -169,8 +226,8 @@ bool is_seen(uint face, bool is_small) {
     shows = faces && shows_centre(centre, normal, height);
 #endif
 #ifdef COUNT_PIXELS
-    int more = faces && is_small && !shows ? 1 : 0;
-    for (int once = 0; once < more; ++once) shows = shows_pixels(face, height);
+    bool is_left_out = shows || !faces || !is_small;
+    shows = shows_pixels(triangle_of(a, b, c), height, is_left_out) || shows;
 #endif
     return shows;
 }

@@ -69,7 +69,15 @@ class Looking(Mapper):
 
     def looks(self, poses: np.ndarray, device: Sensor) -> np.ndarray:
         views = self.views(poses, device)
-        return self.visible(views, device, self.culling.chosen(views))
+        chosen = self.culling.chosen(views)
+        look = self.look(views, device, chosen)
+        if look is None:
+            return self.visible(views, device, chosen)
+        caster = Caster()
+        try:
+            return caster.visible(views, [look], origin=self.origin)[0]
+        finally:
+            caster.release()
 
 
 @contextmanager
@@ -77,10 +85,12 @@ def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **o
     """Yield the mapper of a shape (vertices, faces) among obstacles, released afterwards."""
     origin = np.asarray(origin, dtype=float)
     casts = can_cast() if casts is None else casts
-    casters: dict[tuple[int, int], Caster] = {}
+    renderers: dict[tuple[int, int], Renderer] = {}
 
-    def caster_of(resolution):
-        return casters.setdefault(resolution, Caster(Renderer(resolution, tiles)))
+    def renderer_of(resolution):
+        if resolution not in renderers:
+            renderers[resolution] = Renderer(resolution, tiles)
+        return renderers[resolution]
 
     surfaces = [
         Surface(Clusters.of(Model.from_arrays(f"obstacle{i}", *o)), origin, is_target=False)
@@ -93,14 +103,14 @@ def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **o
         surfaces,
         VisibilityOptions(**options),
         origin,
-        caster_of,
+        renderer_of,
         casts=casts,
         stand_ins=stand_ins,
     )
     try:
         yield made
     finally:
-        for part in (made, *surfaces, stand_ins, *casters.values()):
+        for part in (made, *surfaces, stand_ins, *renderers.values()):
             part.release()
 
 

@@ -8,6 +8,7 @@ from sight import DOWN, mapper, random_poses, sensor
 
 import glvis.sight.caster
 import glvis.sight.clusters
+import glvis.sight.worklist
 from glvis.sight import selftest, surface
 
 pytestmark = pytest.mark.skipif(
@@ -121,7 +122,7 @@ def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
 
 def test_work_beyond_one_dispatch_is_split(monkeypatch):
     whole = visible(1, MIXED, monkeypatch, criterion="pixels")
-    monkeypatch.setattr(glvis.sight.caster, "_MOST_GROUPS", 3)
+    monkeypatch.setattr(glvis.sight.worklist, "_MOST_GROUPS", 3)
     assert np.array_equal(whole, visible(1, MIXED, monkeypatch, criterion="pixels"))
 
 
@@ -165,7 +166,7 @@ def test_no_poses_make_no_maps():
         ("if (distance > 0.0) atomicMin(", "if (false) atomicMin("),
         ("++pixels;", ";"),
         ("shows = faces && shows_centre", "shows = faces && !shows_centre"),
-        ("if (t.side <= 0.0 &&", "if (t.side >= 0.0 ||"),
+        ("= t.side <= 0.0 &&", "= t.side >= 0.0 ||"),
         ("min(far, ", "max(far, "),
         ("void main", "void mean"),
     ],

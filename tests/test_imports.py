@@ -44,17 +44,18 @@ ARROWS = {
     "renderer": "camera clusters context errors glsl surface views",
     "culling": "renderer surface views",
     "coarser": "scene clusters culling renderer surface views",
-    "caster": "clusters context renderer surface views",
+    "worklist": "renderer surface views",
+    "caster": "clusters context renderer surface views worklist",
     "visibility": "camera scene sensor clusters crops renderer",
     "mapper": "scene sensor caster clusters coarser crops culling renderer surface views"
-    " visibility",
+    " visibility worklist",
     "swarm": "box swarm_options",
     "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
     "overrides": "errors expressions schema",
     "study": "errors complaints expressions mounts objective overrides scene schema sensor"
     " search_options swarm_options visibility",
     "checks": "camera mounts scene study",
-    "selftest": "camera scene caster clusters context errors renderer surface views",
+    "selftest": "camera scene caster clusters context errors renderer surface views worklist",
     "maps": "scene sensor caster clusters coarser context culling renderer selftest surface views"
     " visibility mapper study",
     "evaluator": "scene sensor context visibility objective study maps",

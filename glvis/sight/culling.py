@@ -134,8 +134,9 @@ class Culling:
         """Return how near eyes may be to any face of each cluster, (N, C); never too large."""
         squared = np.zeros((len(eye), len(self._radius)))
         for axis in range(3):
-            squared += (eye[:, axis : axis + 1] - self._centre[axis]) ** 2
-        return np.sqrt(squared) - self._radius
+            offset = eye[:, axis : axis + 1] - self._centre[axis]
+            squared += np.square(offset, out=offset)
+        return np.subtract(np.sqrt(squared, out=squared), self._radius, out=squared)
 
     def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
         """Return from which poses no ray can meet a back face first, (N, M) bool.
@@ -148,11 +149,11 @@ class Culling:
             Frusta as for ``in_frustum``; a cap outside the frustum lets nothing in.
         """
         place = eye[:, None]
-        safe = np.any((place < self._low) | (place > self._high), axis=2) & self._encloses
+        safe = ((place < self._low) | (place > self._high)).any(axis=2) & self._encloses
         if len(self._of_cap):
             behind = eye @ self._cap_normal.T <= self._cap_offset
             below = planes.reshape(-1, 4) @ self._cap_corners < -self._cap_slack
             below = below.reshape(len(eye), -1, 3, len(self._of_cap))
-            view, cap = np.nonzero(~(behind | np.any(below.all(axis=2), axis=1)))
+            view, cap = np.nonzero(~(behind | below.all(axis=2).any(axis=1)))
             safe[view, self._of_cap[cap]] = False
         return safe

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.caster import Caster, Rules, can_hold
+from glvis.sight.caster import Look, can_hold
 from glvis.sight.clusters import Clusters
 from glvis.sight.coarser import StandIns
 from glvis.sight.crops import (
@@ -30,10 +30,11 @@ from glvis.sight.crops import (
     unhidden,
 )
 from glvis.sight.culling import Chosen, Culling
-from glvis.sight.renderer import Selection, depth_along_axis, faces_in_images
+from glvis.sight.renderer import Renderer, Selection, depth_along_axis, faces_in_images
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
 from glvis.sight.visibility import VisibilityOptions, render_resolution, takes_second_look
+from glvis.sight.worklist import Rules
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -59,8 +60,8 @@ class Mapper:
         What counts as visible.
     origin : (3,) float64
         World point near the scene that float32 positions are relative to.
-    caster_of : callable
-        Returns the caster of a resolution (width, height), with its renderer.
+    renderer_of : callable
+        Returns the renderer of a resolution (width, height).
     casts : bool
         Whether small faces are cast; see ``Caster`` and ``selftest.can_cast``.
     stand_ins : StandIns
@@ -73,7 +74,7 @@ class Mapper:
         obstacles: Sequence[Surface],
         options: VisibilityOptions,
         origin: Floats,
-        caster_of: Callable[[tuple[int, int]], Caster],
+        renderer_of: Callable[[tuple[int, int]], Renderer],
         *,
         casts: bool,
         stand_ins: StandIns,
@@ -83,14 +84,32 @@ class Mapper:
         self.surface = Surface(Clusters.of(model), origin, is_target=True)
         self._table = FaceTable.of(model, self.surface.clusters.order)
         self._obstacles = obstacles
-        self._caster_of = caster_of
+        self._renderer_of = renderer_of
 
     def release(self) -> None:
         """Give the GPU's memory back."""
         self.surface.release()
 
+    def look(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Look | None:
+        """Return what a caster is asked, or None where views must be drawn; as ``visible``."""
+        options = self.options
+        size = render_resolution(options, sensor, self.model)
+        if not (self._casts and options.occlusion == "physical" and can_hold(size)):
+            return None
+        targets, candidates = chosen[self.surface]
+        hiding = self._hiding(chosen)
+        by_pixels = options.criterion == "pixels"
+        if not by_pixels:
+            targets, *hiding = self._coarser([targets, *hiding], views, size)
+        rules = Rules(
+            min_pixels=options.min_pixels if by_pixels else 0,
+            by_centre=not by_pixels or takes_second_look(options),
+            tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
+        )
+        return Look(targets, candidates, hiding, rules, self._renderer_of(size))
+
     def visible(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
-        """Return which faces each view sees, (N, F) bool.
+        """Return which faces each view sees where all is drawn, (N, F) bool.
 
         Parameters
         ----------
@@ -103,36 +122,9 @@ class Mapper:
         """
         if self.options.semantics == "paper":
             return self._by_paper(views, sensor)
-        size = render_resolution(self.options, sensor, self.model)
-        if self._casts and self.options.occlusion == "physical" and can_hold(size):
-            return self._by_casting(views, sensor, chosen, size)
         if self.options.criterion == "centroid":
             return self._by_centroid(views, sensor, chosen)
         return self._by_pixels(views, sensor, chosen)
-
-    def _by_casting(
-        self,
-        views: Views,
-        sensor: Sensor,
-        chosen: Mapping[Surface, Chosen],
-        size: tuple[int, int],
-    ) -> Bools:
-        """Return the faces that either criterion counts, where compute shaders are at hand."""
-        options = self.options
-        targets, candidates = chosen[self.surface]
-        by_pixels = options.criterion == "pixels"
-        rules = Rules(
-            min_pixels=options.min_pixels if by_pixels else 0,
-            by_centre=not by_pixels or takes_second_look(options),
-            tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
-        )
-        hiding = self._hiding(chosen)
-        if not by_pixels:
-            coarser = self._coarser([targets, *hiding], views, size)
-            targets, hiding = coarser[0], coarser[1:]
-        return self._caster_of(size).visible(
-            views, targets, candidates, hiding, rules, origin=self.origin
-        )
 
     def _coarser(
         self, selections: Sequence[Selection], views: Views, size: tuple[int, int]
@@ -147,7 +139,7 @@ class Mapper:
         targets, candidates = chosen[self.surface]
         if options.occlusion == "paper":  # backs hide nothing
             targets = Selection(self.surface, candidates, np.ones(len(views), dtype=bool))
-        renderer = self._caster_of(render_resolution(options, sensor, self.model)).renderer
+        renderer = self._renderer_of(render_resolution(options, sensor, self.model))
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         second_look = takes_second_look(options)
         for first, images in renderer.id_images(
@@ -180,7 +172,7 @@ class Mapper:
         else:
             hiding = self._coarser([occluders, *self._hiding(chosen)], views, size)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        renderer = self._caster_of(size).renderer
+        renderer = self._renderer_of(size)
         for first, images in renderer.depth_images(views, hiding, origin=self.origin):
             self._look_again(visible, first, images, views, candidates, sensor)
         return visible
@@ -201,7 +193,7 @@ class Mapper:
             tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
         views = replace(views, tan_half=tan_half)
         hiding = self._hiding(Culling(self._obstacles).chosen(views)) if self._obstacles else []
-        renderer = self._caster_of(render_resolution(self.options, sensor, self.model)).renderer
+        renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
         visible = np.zeros_like(kept)
         for first, images in renderer.depth_images(
             views,

@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     from glvis.inputs.study import Study
     from glvis.sight.visibility import VisibilityOptions
 
-# Poses that the CPU culls together: the masks of few stay in its cache. Hardware wants many.
-_AT_ONCE_ON_CPU = 16
+# Poses that are culled together: on a CPU few, so that their masks stay in its cache. Hardware
+# wants many; what is listed of clusters, 4 bytes each, must fit into a storage buffer, of which
+# OpenGL 4.3 grants 16 MiB at least.
+_AT_ONCE_ON_CPU, _MOST_LISTED = 16, 1 << 22
 
 Bits = NDArray[np.uint8]  # (N, sum of ceil(F / 8) over models), as numpy.packbits has them
 
@@ -133,8 +135,9 @@ class LocalMaps:
         self.warnings: list[str] = []
         self._sensors = scene.sensors
         self._tiles = tiles
-        self._casters: dict[tuple[int, int], Caster] = {}
-        origin = scene.models[0].bounds.mean(axis=0)
+        self._renderers: dict[tuple[int, int], Renderer] = {}
+        self._caster = Caster()
+        origin = self._origin = scene.models[0].bounds.mean(axis=0)
         self._obstacles = [
             Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
         ]
@@ -146,19 +149,23 @@ class LocalMaps:
                 self._obstacles,
                 scene.visibility,
                 origin,
-                self._caster_of,
+                self._renderer_of,
                 casts=can_cast(),
                 stand_ins=self._stand_ins,
             )
             for model in scene.models
         ]
+        # a model's clusters are cast and judged, an obstacle's cast beside every model
+        hiding = sum(len(surface.clusters) for surface in self._obstacles)
+        listed = sum(2 * len(mapper.surface.clusters) + hiding for mapper in self._mappers)
+        fitting = max(1, _MOST_LISTED // max(1, listed))
+        self._at_once = _AT_ONCE_ON_CPU if self.gl.is_software else fitting
         self._culling = Culling([*(mapper.surface for mapper in self._mappers), *self._obstacles])
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
         """Yield the maps of each job, in their order."""
         for job in jobs:
-            parts = job.parts(_AT_ONCE_ON_CPU) if self.gl.is_software else [job]
-            yield np.concatenate([self._bits(part) for part in parts])
+            yield np.concatenate([self._bits(part) for part in job.parts(self._at_once)])
 
     def _bits(self, job: MapJob) -> Bits:
         """Return the maps of poses that are looked at together."""
@@ -166,7 +173,13 @@ class LocalMaps:
         corners = self._culling.corners
         views = Views.of(job.camera_to_world, sensor, corners, by_axis=self._by_axis)
         chosen = self._culling.chosen(views)
-        visible = [mapper.visible(views, sensor, chosen) for mapper in self._mappers]
+        looks = [mapper.look(views, sensor, chosen) for mapper in self._mappers]
+        to_cast = [look for look in looks if look]
+        cast = iter(self._caster.visible(views, to_cast, origin=self._origin))
+        visible = [
+            next(cast) if look else mapper.visible(views, sensor, chosen)
+            for mapper, look in zip(self._mappers, looks, strict=True)
+        ]
         return np.concatenate([np.packbits(found, axis=1) for found in visible], axis=1)
 
     def release(self) -> None:
@@ -176,11 +189,12 @@ class LocalMaps:
         for surface in self._obstacles:
             surface.release()
         self._stand_ins.release()
-        for caster in self._casters.values():
-            caster.release()
-        self._casters.clear()
+        self._caster.release()
+        for renderer in self._renderers.values():
+            renderer.release()
+        self._renderers.clear()
 
-    def _caster_of(self, resolution: tuple[int, int]) -> Caster:
-        if resolution not in self._casters:
-            self._casters[resolution] = Caster(Renderer(resolution, self._tiles))
-        return self._casters[resolution]
+    def _renderer_of(self, resolution: tuple[int, int]) -> Renderer:
+        if resolution not in self._renderers:
+            self._renderers[resolution] = Renderer(resolution, self._tiles)
+        return self._renderers[resolution]

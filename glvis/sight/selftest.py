@@ -14,12 +14,13 @@ import numpy as np
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
-from glvis.sight.caster import Caster, Rules, has_compute
+from glvis.sight.caster import Caster, Look, has_compute
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_info
 from glvis.sight.renderer import Renderer, Selection, depth_along_axis
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
+from glvis.sight.worklist import Rules
 
 _SIZE = 8  # pixels a side: each covers one unit of the wall below
 
@@ -101,13 +102,13 @@ def _cast(wall_cells: tuple[int, int], plate_cells: tuple[int, int], rules: Rule
         Selection(surface, np.ones((1, len(surface.clusters)), bool), np.zeros(1, bool))
         for surface in surfaces
     ]
-    caster = Caster(Renderer((_SIZE, _SIZE)))
+    caster, renderer = Caster(), Renderer((_SIZE, _SIZE))
+    look = Look(selections[0], selections[0].mask, selections[1:], rules, renderer)
     try:
-        return caster.visible(
-            _view(), selections[0], selections[0].mask, selections[1:], rules, origin=np.zeros(3)
-        )[0]
+        return caster.visible(_view(), [look], origin=np.zeros(3))[0][0]
     finally:
         caster.release()
+        renderer.release()
         for surface in surfaces:
             surface.release()
 

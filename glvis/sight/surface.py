@@ -7,7 +7,7 @@ vertex i the last one of face i, so that it can carry what belongs to the face.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -24,7 +24,8 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
-TABLE_WIDTH = 4096  # of the textures that hold tables, as cast.comp.glsl has it
+# As cast.comp.glsl has it: words of a packed face, bits of a coordinate, faces a line.
+_WORDS, _BITS, _FACES_A_LINE = 8, 28, 2048
 _FORMATS = {"position": "3f", "face_id": "1u", "normal": "3f"}  # as moderngl writes them
 
 
@@ -39,12 +40,19 @@ class Surface:
         World point that float32 positions are relative to.
     is_target : bool
         Whether faces are counted; the ID of an obstacle's faces is 0.
+
+    Attributes
+    ----------
+    lattice : (4,) float64
+        Where packed corners lie: the lattice's middle relative to the origin, and its step.
     """
 
     def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
         self.clusters, self._origin, self._is_target = clusters, origin, is_target
         self._layouts: dict[str, Layout] = {}
-        self._tables: list[Any] = []
+        self._packed: Any = None
+        middle, step = _lattice(clusters)
+        self.lattice = np.append(middle - origin, step)
 
     def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
         """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
@@ -54,19 +62,20 @@ class Surface:
             mask = mask[self.clusters.order]
         self._layout("ids" if "face_id" in program else "positions").draw(program, mask)
 
-    def use_tables(self) -> None:
-        """Bind vertices, corners, centroids and normals as textures 0 to 3, for cast.comp.glsl."""
-        if not self._tables:
-            self._tables = [_texture(rows) for rows in _tables(self.clusters, self._origin)]
-        for unit, table in enumerate(self._tables):
-            table.use(unit)
+    def use_packed(self, unit: int) -> None:
+        """Bind the faces' corners as a texture, for cast.comp.glsl."""
+        if self._packed is None:
+            self._packed = _texture(packed(self.clusters))
+        self._packed.use(unit)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for part in (*self._layouts.values(), *self._tables):
-            part.release()
+        for layout in self._layouts.values():
+            layout.release()
         self._layouts.clear()
-        self._tables.clear()
+        if self._packed is not None:
+            self._packed.release()
+            self._packed = None
 
     def _layout(self, name: str) -> Layout:
         if name not in self._layouts:
@@ -155,26 +164,39 @@ def _position_layout(
     return vertices, number[faces]
 
 
-def _tables(clusters: Clusters, origin: Floats) -> Iterator[NDArray[np.uint32]]:
-    """Yield rows of three words by vertex, and then by face: corners, centre, normal.
+def packed(clusters: Clusters) -> NDArray[np.uint32]:
+    """Return the corners of each face in the order of its cluster, on a lattice, (F', 8) words.
 
-    Coordinates are the bits of float32; all in integers, because an index read as a float may
-    be flushed to zero.
+    Nine coordinates of 28 bits a face, finer than float32: corners that faces share stay shared.
     """
-    model, order = clusters.model, clusters.order
-    vertices, faces = _position_layout(clusters, origin)
-    yield vertices["position"].view(np.uint32)
-    yield faces
-    yield (model.centroids[order] - origin).astype(np.float32).view(np.uint32)
-    yield model.normals[order].astype(np.float32).view(np.uint32)
+    middle, step = _lattice(clusters)
+    model = clusters.model
+    places = np.rint((model.vertices - middle) / step).astype(np.int64) + (1 << (_BITS - 1))
+    corners = places.astype(np.uint32)
+    faces = model.faces[clusters.order]
+    words = np.zeros((len(faces), _WORDS), dtype=np.uint32)
+    for word in range(_WORDS):
+        words[:, word] = corners[faces[:, word // 3], word % 3]
+    last = corners[faces[:, 2], 2]
+    spare = 32 - _BITS  # bits of each word that the last coordinate is spread over
+    for word in range(_BITS // spare):
+        words[:, word] |= (last >> (spare * word) & ((1 << spare) - 1)) << _BITS
+    return words
 
 
-def _texture(rows: NDArray[np.uint32]) -> Any:
-    """Return a texture that holds rows (n, 3), TABLE_WIDTH of them side by side."""
-    lines = max(1, -(-len(rows) // TABLE_WIDTH))
-    padded = np.zeros((lines * TABLE_WIDTH, 4), dtype=np.uint32)
-    padded[: len(rows), :3] = rows
-    texture = gl_context().texture((TABLE_WIDTH, lines), 4, padded, dtype="u4")
+def _lattice(clusters: Clusters) -> tuple[Floats, float]:
+    """Return the middle (3,) and the step of a model's lattice, scene unit."""
+    extent = float(np.ptp(clusters.model.bounds, axis=0).max())
+    return clusters.middle, max(extent, np.finfo(np.float32).tiny) / (2**_BITS - 2)
+
+
+def _texture(faces: NDArray[np.uint32]) -> Any:
+    """Return a texture that holds packed faces, two texels each."""
+    lines = max(1, -(-len(faces) // _FACES_A_LINE))
+    padded = np.zeros((lines * _FACES_A_LINE, _WORDS), dtype=np.uint32)
+    padded[: len(faces)] = faces
+    size = (_FACES_A_LINE * _WORDS // 4, lines)
+    texture = gl_context().texture(size, 4, padded, dtype="u4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 

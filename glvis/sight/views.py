@@ -76,8 +76,8 @@ class Views:
         depth = eye[:, None] - np.sum(backwards[:, None] * corners, axis=2)
         # Planes beyond the scene on both sides cut no face and leave the depth buffer its bits.
         most = sensor.max_distance
-        clip_far = np.clip(depth.max(axis=1), most, _FARTHEST * most)
-        clip_near = np.clip(depth.min(axis=1), NEAREST * most, clip_far / 2)
+        clip_far = np.minimum(np.maximum(depth.max(axis=1), most), _FARTHEST * most)
+        clip_near = np.minimum(np.maximum(depth.min(axis=1), NEAREST * most), clip_far / 2)
         min_cos = math.cos(sensor.max_incidence)
         return cls(
             camera_to_world,
@@ -129,12 +129,13 @@ class Views:
     def planes(self) -> Floats:
         """Inward unit planes of the frusta: left, right, bottom, top, maxD; (N, 5, 4)."""
         planes = np.zeros((len(self), 5, 4))
-        for k in range(4):
-            axis, side = divmod(k, 2)
-            tan = self.tan_half[:, axis]
-            length = np.sqrt(1 + tan**2)
-            planes[:, k, axis] = (1 - 2 * side) / length  # x >= -tan depth, x <= tan depth
-            planes[:, k, 2] = -tan / length  # depth is -z
+        tan = self.tan_half
+        length = np.sqrt(1 + tan**2)
+        for axis in range(2):  # x >= -tan depth, x <= tan depth, where depth is -z
+            first = 2 * axis
+            planes[:, first, axis] = 1 / length[:, axis]
+            planes[:, first + 1, axis] = -1 / length[:, axis]
+            planes[:, first : first + 2, 2] = (-tan / length)[:, axis : axis + 1]
         planes[:, 4, 2] = 1.0  # z >= -maxD
         planes[:, 4, 3] = self.max_distance
         return planes @ self.world_to_camera
