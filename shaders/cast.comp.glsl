@@ -16,7 +16,7 @@ layout(local_size_x = 64) in;
 // Two texels a face, 2048 faces a line: nine coordinates of 28 bits. Eight words have one each in
 // their lower bits, a.xyz, b.xyz and c.xy; c.z is in the upper bits, lowest first. Fetching is the
 // dearest step in software, so nothing is fetched that these tell.
-layout(binding = 0) uniform usampler2D faces;
+layout(binding = 0) uniform usampler2D packed_faces;
 layout(binding = 1) uniform sampler2D drawn;        // OpenGL depth
 
 layout(std430, binding = 0) readonly buffer Clusters { uint clusters[]; };
@@ -28,7 +28,7 @@ layout(std140, binding = 0) uniform View {
     vec2 working_range;         // minD, maxD as depth
     vec2 min_cos;               // of the incidence: by the ray, 0 for any; by the axis, -2 for any
     vec2 clip;                  // near and far plane of what was drawn
-    vec2 unused;
+    vec2 unused;                // so that what follows is aligned
     vec4 tangent_to_pixel;      // scale xy, offset zw
     vec4 lattice;               // of the faces: its middle relative to the origin xyz, its step w
     float tolerance;            // share of its depth by which something nearer hides a centre
@@ -46,7 +46,8 @@ const int MIDDLE = 1 << 27;
 // A face's corners on the lattice.
 ivec3[3] corners_of(uint face) {
     ivec2 at = ivec2(2u * (face & 2047u), face >> 11);
-    uvec4 one = texelFetch(faces, at, 0), other = texelFetch(faces, at + ivec2(1, 0), 0);
+    uvec4 one = texelFetch(packed_faces, at, 0);
+    uvec4 other = texelFetch(packed_faces, at + ivec2(1, 0), 0);
     uvec4 low = one >> 28, high = other >> 28;
     uint last = low.x | low.y << 4 | low.z << 8 | low.w << 12
         | high.x << 16 | high.y << 20 | high.z << 24;
@@ -126,8 +127,8 @@ const float ANYWHERE = 1e5;
 void begin_row(Triangle t, inout Walk walk) {
     float left = max(walk.left.x, max(walk.left.y, walk.left.z));
     float right = min(walk.right.x, min(walk.right.y, walk.right.z));
-    walk.at.x = clamp(int(ceil(left)), t.from.x, t.to.x);
-    walk.end = min(int(floor(right)), t.to.x);
+    walk.at.x = int(clamp(ceil(left), float(t.from.x), float(t.to.x)));
+    walk.end = int(clamp(floor(right), -1.0, float(t.to.x)));
 }
 
 Walk first_of(Triangle t, bool is_left_out) {

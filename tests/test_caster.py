@@ -1,5 +1,7 @@
 """Casting small faces changes no map: against drawing all of them, and against rays."""
 
+from contextlib import ExitStack
+
 import numpy as np
 import oracle
 import pytest
@@ -9,7 +11,10 @@ from sight import DOWN, mapper, random_poses, sensor
 import glvis.sight.caster
 import glvis.sight.clusters
 import glvis.sight.worklist
+from glvis.camera import camera_to_world
 from glvis.sight import selftest, surface
+from glvis.sight.caster import Caster
+from glvis.sight.views import Views
 
 pytestmark = pytest.mark.skipif(
     not glvis.sight.caster.has_compute(), reason="this driver has no compute shaders"
@@ -118,6 +123,111 @@ def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
         left = shapes.corners(wall).mean(axis=1)[:, 0] < -0.5
         right = shapes.corners(wall).mean(axis=1)[:, 0] > 0.0
         assert seen[right].sum() > 50 and seen[left].sum() < 0.2 * seen[right].sum()
+
+
+ROW = """    walk.at.x = int(clamp(ceil(left), float(t.from.x), float(t.to.x)));
+    walk.end = int(clamp(floor(right), -1.0, float(t.to.x)));
+"""
+BOX = "    walk.at.x = t.from.x;\n    walk.end = t.to.x;\n"
+
+
+def slivers(rng):
+    """Return faces whose third corner lies almost on the line through the other two."""
+    vertices, faces = shapes.soup(rng, 300, 0.3)
+    a, b, c = vertices.reshape(-1, 3, 3).swapaxes(0, 1)
+    off_line = rng.normal(size=(300, 3)) * 10 ** rng.uniform(-6, -1, (300, 1))
+    c[:] = a + rng.uniform(size=(300, 1)) * (b - a) + off_line
+    return vertices, faces
+
+
+@pytest.mark.parametrize("options", [{"min_pixels": 1}, {"min_pixels": 4}], ids=str)
+@pytest.mark.parametrize("fov_deg", [40, 120, 178])
+@pytest.mark.parametrize("kind", ["slivers", "level", "nearly level", "torus"])
+def test_walking_from_edge_to_edge_leaves_no_pixel_out(kind, fov_deg, options, monkeypatch):
+    cast_up_to(ALL_CAST, monkeypatch)
+    rng = np.random.default_rng(7)
+    body = {
+        "slivers": lambda: slivers(rng),
+        "level": lambda: shapes.plate(3, cells=(9, 13)),
+        "nearly level": lambda: shapes.plate(3, tilt_deg=1e-4, cells=(3, 2)),
+        "torus": shapes.torus,
+    }[kind]()
+    above = camera_to_world(
+        [[0, 0, 2.5], [0.3, 0.2, 2.5], [0.1, 0, 2.5]],
+        [[0, 0, -1]],
+        up=[[0, 1, 0], [1, 0, 0], [1e-5, 1, 0]],
+    )
+    poses = np.concatenate([random_poses(rng, 4), random_poses(rng, 3, distance=1.2), above])
+    device = sensor(hfov_deg=fov_deg, vfov_deg=0.8 * fov_deg, resolution=(200, 150), far=20)
+
+    def looked():
+        surface.compiled_compute.cache_clear()
+        obstacle = shapes.soup(np.random.default_rng(8), 60, 0.2)
+        with mapper(body, [obstacle], casts=True, resolution=(200, 150), **options) as made:
+            return made.looks(poses, device)
+
+    walked, source = looked(), surface.shader_source
+    assert ROW in source("cast.comp.glsl")
+    monkeypatch.setattr(
+        surface,
+        "shader_source",
+        lambda name, *defines, version=0: source(name, *defines, version=version).replace(ROW, BOX),
+    )
+    try:
+        assert walked.any() and np.array_equal(walked, looked())
+    finally:
+        surface.compiled_compute.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("tiles", "small", "cluster"),
+    [(None, 64.0, 8), (1, MIXED, 32), (4, ALL_CAST, 1), (16, NONE_CAST, 8)],
+)
+def test_models_looked_at_together_are_seen_as_each_alone(tiles, small, cluster, monkeypatch):
+    monkeypatch.setattr(glvis.sight.clusters, "_SIZE_SMALL", cluster)
+    cast_up_to(small, monkeypatch)
+    rng = np.random.default_rng(1)
+    poses = np.concatenate(
+        [random_poses(rng, 4), random_poses(rng, 2, 1.0), random_poses(rng, 2, 30)]
+    )
+    poses[6:, :3, [0, 2]] *= -1  # these look away
+    device = sensor(resolution=(180, 140), near=0.3, far=6, max_incidence_deg=75)
+    kinds = [
+        (shapes.blob(rng), {"criterion": "pixels", "resolution": (90, 70)}),
+        (shapes.torus(), {"criterion": "centroid", "resolution": (180, 140)}),
+        (shapes.plate(2, cells=(3, 3)), {"min_pixels": 3, "resolution": (64, 50)}),
+        (shapes.plate(500), {"resolution": (120, 200)}),
+    ]
+    hides = shapes.moved(shapes.blob(rng, 2, 0.4), (0.3, 0.1, 0.9))
+    with ExitStack() as stack:
+        made = [
+            stack.enter_context(mapper(shape, [hides], tiles=tiles, casts=True, **options))
+            for shape, options in kinds
+        ]
+        corners = np.concatenate([one.culling.corners for one in made])
+
+        def seen_by(caster, some, order):
+            views = Views.of(some, device, corners)
+            looks = [made[k].look(views, device, made[k].culling.chosen(views)) for k in order]
+            found = caster.visible(views, looks, origin=np.zeros(3))
+            return [found[order.index(k)] for k in sorted(order)]
+
+        alone = []
+        for k in range(len(kinds)):
+            caster = Caster()
+            alone += seen_by(caster, poses, [k])
+            caster.release()
+        assert all(seen.any() for seen in alone[:3])
+        caster = Caster()
+        for n, order in (
+            (8, [0, 1, 2, 3]),
+            (8, [3, 1, 0, 2]),
+            (3, [2, 3, 1, 0]),
+            (0, [0, 1, 2, 3]),
+        ):
+            for one, other in zip(alone, seen_by(caster, poses[:n], order), strict=True):
+                assert np.array_equal(one[:n], other)
+        caster.release()
 
 
 def test_work_beyond_one_dispatch_is_split(monkeypatch):

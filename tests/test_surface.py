@@ -26,7 +26,7 @@ def test_packed_corners_lie_where_they_were_and_stay_shared(seed, scale):
     clusters = Clusters.of(Model.from_arrays("blob", vertices, faces))
     low, high = clusters.model.bounds
     step = (high - low).max() / (2**28 - 2)
-    corners = unpacked(packed(clusters))
+    corners = unpacked(packed(clusters)[: len(clusters.order)])
     assert np.abs(corners).max() == 2**27 - 1  # the whole lattice is used, and no more
     places = corners * step + (low + high) / 2
     expected = clusters.model.vertices[clusters.model.faces[clusters.order]]
@@ -40,5 +40,5 @@ def test_packed_corners_lie_where_they_were_and_stay_shared(seed, scale):
 
 def test_a_model_without_extent_is_packed_too():
     model = Model.from_arrays("flat", [[1, 2, 3], [2, 2, 3], [1, 3, 3]], [[0, 1, 2]])
-    corners = unpacked(packed(Clusters.of(model)))
+    corners = unpacked(packed(Clusters.of(model))[:1])
     assert not corners[:, :, 2].any() and corners[0, 0, 0] == -corners[0, 1, 0] != 0

@@ -30,8 +30,9 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _VERSION = 430  # compute shaders and storage buffers
-# Pixels along an edge up to which a face is cast. Beyond, drawing is as fast on llvmpipe; where
-# a usual face is larger than _LARGE, much is drawn anyway, and what is small beside it too.
+# Pixels along an edge up to which a face is cast; beyond, drawing is as fast on llvmpipe, which
+# also leaves a loop, and so a face, after 65,535 pixels. Where a usual face is larger than _LARGE,
+# much is drawn anyway, and what is small beside it too.
 _SMALL, _SMALL_AMONG_LARGE, _LARGE = 64.0, 8.0, 16.0
 _CLUSTERS, _DEPTH, _SEEN = range(3)  # storage buffers of the shader
 _FACES, _DRAWN = range(2)  # its textures

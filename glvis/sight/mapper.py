@@ -91,7 +91,11 @@ class Mapper:
         self.surface.release()
 
     def look(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Look | None:
-        """Return what a caster is asked, or None where views must be drawn; as ``visible``."""
+        """Return what a caster is asked, or None where all must be drawn.
+
+        Parameters are those of ``visible``. The paper's semantics mean its occlusion, and that
+        only a draw has.
+        """
         options = self.options
         size = render_resolution(options, sensor, self.model)
         if not (self._casts and options.occlusion == "physical" and can_hold(size)):

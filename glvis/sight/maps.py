@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 # Poses that are culled together: on a CPU few, so that their masks stay in its cache. Hardware
 # wants many; what is listed of clusters, 4 bytes each, must fit into a storage buffer, of which
-# OpenGL 4.3 grants 16 MiB at least.
-_AT_ONCE_ON_CPU, _MOST_LISTED = 16, 1 << 22
+# OpenGL 4.3 grants 16 MiB at least: half of it, as coarser occluders may have more clusters.
+_AT_ONCE_ON_CPU, _MOST_LISTED = 16, 1 << 21
 
 Bits = NDArray[np.uint8]  # (N, sum of ceil(F / 8) over models), as numpy.packbits has them
 
@@ -159,7 +159,7 @@ class LocalMaps:
         hiding = sum(len(surface.clusters) for surface in self._obstacles)
         listed = sum(2 * len(mapper.surface.clusters) + hiding for mapper in self._mappers)
         fitting = max(1, _MOST_LISTED // max(1, listed))
-        self._at_once = _AT_ONCE_ON_CPU if self.gl.is_software else fitting
+        self._at_once = min(fitting, _AT_ONCE_ON_CPU) if self.gl.is_software else fitting
         self._culling = Culling([*(mapper.surface for mapper in self._mappers), *self._obstacles])
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:

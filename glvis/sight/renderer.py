@@ -88,7 +88,9 @@ class Renderer(Held):
                 f"resolution {width} x {height} exceeds this driver's limit of {limit} pixels"
             )
         if tiles is None:
-            fitting = max(1, _HARDWARE_BATCH_BYTES // (4 * width * height))
+            # their depths must fit into a storage buffer, where there is such a thing
+            most = context.info.get("GL_MAX_SHADER_STORAGE_BLOCK_SIZE") or _HARDWARE_BATCH_BYTES
+            fitting = max(1, min(most, _HARDWARE_BATCH_BYTES) // (4 * width * height))
             tiles = 1 if gl_info().is_software else fitting
         self.tiles = min(tiles, limit // height)
         fits = _GUARD * max(resolution) <= min(context.info["GL_MAX_VIEWPORT_DIMS"])

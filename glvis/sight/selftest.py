@@ -33,7 +33,7 @@ def can_cast() -> bool:
     try:
         return all(
             np.array_equal(_cast(wall_cells, plate_cells, rules), _on_wall(wall_cells, rules))
-            # all is cast; the wall's large faces are drawn behind a plate that is cast
+            # all is cast; the wall's two faces are drawn behind a plate that is cast
             for wall_cells, plate_cells, pixels in (((10, 8), (1, 1), 1), ((1, 1), (8, 16), 15))
             for rules in (Rules(pixels, False, 0.0), Rules(0, True, 0.1))
         )
@@ -71,10 +71,11 @@ def _view() -> Views:
 def _wall_grid(cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower left corner and the size of a cell of the wall that is cast, (2,) each.
 
-    Cells of one unit are shifted, so that no pixel's middle lies on an edge.
+    Cells of one unit are shifted, so that no pixel's middle lies on an edge. A single cell is twice
+    as large and reaches around the eye: it is drawn, whatever else is cast.
     """
-    corner = np.array([-5.0, -4.0]) - ([0.3, 0.1] if cells != (1, 1) else [0.0, 0.0])
-    return corner, np.array([10.0, 8.0]) / cells
+    corner, size = np.array([-5.0, -4.0]), np.array([10.0, 8.0])
+    return (2 * corner, 2 * size) if cells == (1, 1) else (corner - [0.3, 0.1], size / cells)
 
 
 def _grid(corner: np.ndarray, cell: np.ndarray, cells: tuple[int, int], z: float) -> Model:

@@ -1,8 +1,9 @@
-"""Models on the GPU: what a draw takes of them, and the programs that draw.
+"""Models on the GPU: what a draw and a cast take of them, and the programs that do it.
 
 What is fast on a software rasteriser: few vertices, in an order that keeps neighbours together,
 and indices of no more faces than can show. Faces come sorted by cluster; a draw of IDs makes
-vertex i the last one of face i, so that it can carry what belongs to the face.
+vertex i the last one of face i, so that it can carry what belongs to the face. A cast wants few
+fetches: two a face, in which its corners are packed.
 """
 
 from __future__ import annotations
@@ -167,21 +168,25 @@ def _position_layout(
 def packed(clusters: Clusters) -> NDArray[np.uint32]:
     """Return the corners of each face in the order of its cluster, on a lattice, (F', 8) words.
 
-    Nine coordinates of 28 bits a face, finer than float32: corners that faces share stay shared.
+    Nine coordinates of 28 bits a face, so that corners that faces share stay shared. Faces of a
+    millionth of the model's extent keep their shape, those of a ten millionth do not. Rows of
+    zeros fill the last line.
     """
     middle, step = _lattice(clusters)
     model = clusters.model
-    places = np.rint((model.vertices - middle) / step).astype(np.int64) + (1 << (_BITS - 1))
-    corners = places.astype(np.uint32)
+    places = np.rint((model.vertices - middle) / step).astype(np.int32) + (1 << (_BITS - 1))
+    corners = places.view(np.uint32)
     faces = model.faces[clusters.order]
-    words = np.zeros((len(faces), _WORDS), dtype=np.uint32)
+    lines = max(1, -(-len(faces) // _FACES_A_LINE))
+    rows = np.zeros((lines * _FACES_A_LINE, _WORDS), dtype=np.uint32)
+    words = rows[: len(faces)]
     for word in range(_WORDS):
         words[:, word] = corners[faces[:, word // 3], word % 3]
     last = corners[faces[:, 2], 2]
     spare = 32 - _BITS  # bits of each word that the last coordinate is spread over
     for word in range(_BITS // spare):
         words[:, word] |= (last >> (spare * word) & ((1 << spare) - 1)) << _BITS
-    return words
+    return rows
 
 
 def _lattice(clusters: Clusters) -> tuple[Floats, float]:
@@ -190,13 +195,10 @@ def _lattice(clusters: Clusters) -> tuple[Floats, float]:
     return clusters.middle, max(extent, np.finfo(np.float32).tiny) / (2**_BITS - 2)
 
 
-def _texture(faces: NDArray[np.uint32]) -> Any:
+def _texture(rows: NDArray[np.uint32]) -> Any:
     """Return a texture that holds packed faces, two texels each."""
-    lines = max(1, -(-len(faces) // _FACES_A_LINE))
-    padded = np.zeros((lines * _FACES_A_LINE, _WORDS), dtype=np.uint32)
-    padded[: len(faces)] = faces
-    size = (_FACES_A_LINE * _WORDS // 4, lines)
-    texture = gl_context().texture(size, 4, padded, dtype="u4")
+    size = (_FACES_A_LINE * _WORDS // 4, len(rows) // _FACES_A_LINE)
+    texture = gl_context().texture(size, 4, rows, dtype="u4")
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 

@@ -107,14 +107,14 @@ class WorkList:
         *,
         by_face: bool,
     ) -> Dispatches:
-        """Add clusters of a surface.
+        """Add clusters of a surface; return what is to be dispatched.
 
         Parameters
         ----------
         selection : Selection
-            Whose they are.
+            Whose they are, and whether backs are culled; its mask does not matter here.
         masks : sequence of (N, C) bool
-            Which: small ones, and others, if any.
+            One or two: those of small faces, and those of large ones after them.
         renderer, rules
             What the views are looked at with.
         by_face : bool
