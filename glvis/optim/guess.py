@@ -32,7 +32,8 @@ Bools = NDArray[np.bool_]
 _FACES, _LEAST = 600, 100
 # What is remembered: poses, and bytes in a checkpoint, one bit a face.
 _MOST_POSES, _MOST_BYTES = 1 << 14, 1 << 20
-_POSES_AT_ONCE = 64  # so that what is computed of them stays in a core's cache
+# So that what is computed of them stays in a core's cache.
+_POSITIONS_AT_ONCE, _POSES_AT_ONCE = 256, 32
 
 
 class Guess:
@@ -53,27 +54,47 @@ class Guess:
             proper = np.flatnonzero(model.areas)
             self._chosen.append(np.sort(rng.permutation(proper)[:each]))
         chosen = list(zip(study.models, self._chosen, strict=True))
-        # coordinate by coordinate; single precision is plenty for ranks
-        self._points = [model.centroids[faces].T.astype(np.float32) for model, faces in chosen]
-        self._normals = [model.normals[faces].T.astype(np.float32) for model, faces in chosen]
+        # of all models, coordinate by coordinate; single precision is plenty for ranks
+        self._points = np.concatenate([m.centroids[f] for m, f in chosen]).T.astype(np.float32)
+        self._normals = np.concatenate([m.normals[f] for m, f in chosen]).T.astype(np.float32)
         self._areas = [model.areas[faces] for model, faces in chosen]
-        self._memories = [Memory(len(faces)) for faces in self._chosen]
         self._ends = np.cumsum([len(faces) for faces in self._chosen])
+        self._memory = Memory(self.faces)
         self._known: set[bytes] = set()
         self._most = min(_MOST_POSES, _MOST_BYTES // ((self.faces + 7) // 8))
 
     def __call__(self, positions: Floats, sensors: Sequence[int] | None = None) -> Floats:
         """Return the guesses (P,) for positions (P, D), of all or only some sensors."""
+        looking = list(range(len(self._study.sensors)) if sensors is None else sensors)
+        poses = self._study.rig.poses(positions)[:, looking]
+        parts = [
+            self._values(poses[first : first + _POSITIONS_AT_ONCE], looking)
+            for first in range(0, len(poses), _POSITIONS_AT_ONCE)
+        ]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def _values(self, poses: Floats, looking: Sequence[int]) -> Floats:
+        """Return the guesses (P,) for some of the sensors at poses (P, L, 4, 4)."""
         study = self._study
-        looking = list(range(len(study.sensors)) if sensors is None else sensors)
-        poses = study.rig.poses(positions)[:, looking]
-        by_model = np.zeros((len(positions), len(study.models)))
-        for m, areas in enumerate(self._areas):
-            counts = np.zeros((len(positions), len(areas)), dtype=np.intp)
-            for column, s in enumerate(looking):
-                counts += self._seen(m, poses[:, column], study.sensors[s])
-            by_model[:, m] = study.objective.values(counts, areas)
-        return study.objective.aggregated(by_model)
+        counts = np.zeros((len(poses), self.faces), dtype=np.min_scalar_type(len(looking)))
+        for sensor in dict.fromkeys(study.sensors[s] for s in looking):
+            columns = [c for c, s in enumerate(looking) if study.sensors[s] is sensor]
+            different, which = _different(poses[:, columns])
+            seen = np.concatenate(
+                [
+                    self._seen(different[first : first + _POSES_AT_ONCE], sensor)
+                    for first in range(0, len(different), _POSES_AT_ONCE)
+                ]
+            )
+            for rows in which.T:
+                counts += seen[rows]
+        by_model = [
+            study.objective.values(part, areas)
+            for part, areas in zip(
+                np.split(counts, self._ends[:-1], axis=1), self._areas, strict=True
+            )
+        ]
+        return study.objective.aggregated(np.stack(by_model, axis=1))
 
     @property
     def faces(self) -> int:
@@ -115,32 +136,35 @@ class Guess:
         poses = study.rig.poses(positions)[:, looking][which[:, 0], which[:, 1]]
         self._known |= {pose.tobytes() for pose in poses}
         whose = looking[which[:, 1]]
-        for m, part in enumerate(np.split(seen, self._ends[:-1], axis=1)):
-            in_view = np.zeros(part.shape, dtype=bool)
-            for s in np.unique(whose):
-                in_view[whose == s] = self._in_view(m, poses[whose == s], study.sensors[s])
-            self._memories[m].learn(poses[:, :3, 3], in_view, part)
+        in_view = np.zeros(seen.shape, dtype=bool)
+        for s in np.unique(whose):
+            in_view[whose == s] = self._in_view(poses[whose == s], study.sensors[s])
+        self._memory.learn(poses[:, :3, 3], in_view, seen)
 
-    def _seen(self, m: int, poses: Floats, sensor: Sensor) -> Bools:
-        """Return which faces of a model a sensor probably sees from poses (P, 4, 4): (P, n)."""
-        different, which = np.unique(poses.reshape(len(poses), 16), axis=0, return_inverse=True)
-        parts = []
-        for first in range(0, len(different), _POSES_AT_ONCE):
-            some = different[first : first + _POSES_AT_ONCE].reshape(-1, 4, 4)
-            parts.append(self._in_view(m, some, sensor) & self._memories[m].free(some[:, :3, 3]))
-        return np.concatenate(parts)[which.reshape(-1)]
+    def _seen(self, poses: Floats, sensor: Sensor) -> Bools:
+        """Return which faces a sensor probably sees from poses (P, 4, 4): (P, n)."""
+        return self._in_view(poses, sensor) & self._memory.free(poses[:, :3, 3])
 
-    def _in_view(self, m: int, poses: Floats, sensor: Sensor) -> Bools:
-        """Return which faces of a model pass a sensor's filters at poses (P, 4, 4), (P, n)."""
+    def _in_view(self, poses: Floats, sensor: Sensor) -> Bools:
+        """Return which faces pass a sensor's filters at poses (P, 4, 4): (P, n)."""
         single = poses.astype(np.float32)
-        ray = [self._points[m][i] - single[:, i, 3, None] for i in range(3)]
+        ray = [self._points[i] - single[:, i, 3, None] for i in range(3)]
         x, y, back = (_dot(single[:, :3, i, None].swapaxes(0, 1), ray) for i in range(3))
         tan_x, tan_y = sensor.intrinsics.tan_half
-        depth, towards = -back, -_dot(self._normals[m], ray)
+        depth, towards = -back, -_dot(self._normals, ray)
         passes = (depth >= sensor.min_distance) & (depth <= sensor.max_distance)
         passes &= (np.abs(x) <= tan_x * depth) & (np.abs(y) <= tan_y * depth) & (towards > 0)
         min_cos = np.cos(sensor.max_incidence)
         return passes & (towards * towards >= min_cos * min_cos * _dot(ray, ray))
+
+
+def _different(poses: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the different ones (U, 4, 4) of poses (P, L, 4, 4), and which each is (P, L)."""
+    keys = np.ascontiguousarray(poses).reshape(-1, 16).view("V128").reshape(-1).tolist()
+    place: dict[bytes, int] = {}
+    which = [place.setdefault(key, len(place)) for key in keys]
+    different = np.frombuffer(b"".join(place), dtype=np.float64).reshape(-1, 4, 4)
+    return different, np.array(which, dtype=np.intp).reshape(poses.shape[:2])
 
 
 def _dot(one: Sequence[Singles] | Singles, other: Sequence[Singles] | Singles) -> Singles:

@@ -8,7 +8,6 @@ what is hoped for is soon rendered and known, what is not hoped for never.
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,14 +24,18 @@ Bools = NDArray[np.bool_]
 # kitchen with 1,200 random views known: the best layout of three sensors (7.67) was guessed at
 # 6.8 where votes fell by rank and the majority won, 7.2 with these weights, 7.3 where a third is
 # enough; the ranks of 2,000 views agree with those by maps to 0.985, in place of 0.988.
-_EYES, _ENOUGH = 16, 1 / 3
+_EYES = 16
 _FLAT = 0.1
-_VOTES = np.array([0, 1 - _ENOUGH, -_ENOUGH], dtype=np.float32)  # by 0, 1 and -1
+# Votes are small integers, quick to add: 2 for seen against 1 for hidden makes a third enough.
+_SEEN, _HIDDEN = 2, -1
+_WEIGHT = 1000  # of the nearest; 16 of them times 2 fit 16 bits
 _ROOM = 256
+# Eyes beside the tree, before it is made anew: at least, and as a share of those in it.
+_BESIDE, _BESIDE_SHARE = 32, 1 / 16
 
 
 class Memory:
-    """Remembers some faces of one model.
+    """Remembers some faces.
 
     Parameters
     ----------
@@ -42,9 +45,12 @@ class Memory:
 
     def __init__(self, faces: int) -> None:
         self._known = 0
-        # rows of eyes, room for more at the end: places, and 1 seen, -1 hidden, 0 looked away
+        # rows of eyes, room for more at the end: places, and how they vote, 0 where they
+        # looked away
         self._eyes = np.zeros((_ROOM, 3))
-        self._found = np.zeros((_ROOM, faces), dtype=np.int8)
+        self._votes = np.zeros((_ROOM, faces), dtype=np.int16)
+        self._tree: KDTree | None = None
+        self._in_tree = 0
 
     def learn(self, eyes: Floats, in_view: Bools, seen: Bools) -> None:
         """Remember what was found from some eyes.
@@ -61,11 +67,10 @@ class Memory:
         end = self._known + len(eyes)
         while end > len(self._eyes):
             self._eyes = np.concatenate([self._eyes, np.zeros_like(self._eyes)])
-            self._found = np.concatenate([self._found, np.zeros_like(self._found)])
+            self._votes = np.concatenate([self._votes, np.zeros_like(self._votes)])
         self._eyes[self._known : end] = eyes
-        self._found[self._known : end] = np.where(seen, 1, -in_view.astype(np.int8))
+        self._votes[self._known : end] = np.where(seen, _SEEN, _HIDDEN * in_view)
         self._known = end
-        self.__dict__.pop("_tree", None)
 
     def free(self, eyes: Floats) -> Bools:
         """Return which faces nothing hides, probably, from eyes (P, 3): (P, n).
@@ -73,20 +78,26 @@ class Memory:
         A face that none of the nearest eyes looked at is taken for free.
         """
         if self._known == 0:
-            return np.ones((len(eyes), self._found.shape[1]), dtype=bool)
-        asked = min(_EYES, self._known)
-        distance, nearest = self._tree.query(eyes, k=np.arange(1, asked + 1))
-        flat = np.maximum(_FLAT * distance[:, -1:], np.finfo(np.float32).tiny)
-        weight = ((flat / np.maximum(distance, flat)) ** 2).astype(np.float32)
-        votes = np.zeros((len(eyes), self._found.shape[1]), dtype=np.float32)
-        for rank in range(asked):
-            votes += weight[:, rank, None] * _VOTES[self._found[nearest[:, rank]]]
-        return votes >= 0
+            return np.ones((len(eyes), self._votes.shape[1]), dtype=bool)
+        distance, nearest = self._nearest(eyes)
+        flat = np.maximum(_FLAT * distance.max(axis=1), np.finfo(np.float32).tiny)[:, None]
+        weight = (_WEIGHT * (flat / np.maximum(distance, flat)) ** 2).astype(np.int16)
+        return np.einsum("pk,pkn->pn", weight, self._votes[nearest]) >= 0
 
-    @cached_property
-    def _tree(self) -> KDTree:
-        """All eyes."""
-        from scipy.spatial import KDTree  # slow to import, and only a search needs it
+    def _nearest(self, eyes: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return how far the nearest eyes are from eyes (P, 3), and which they are: (P, k)."""
+        if self._known - self._in_tree > max(_BESIDE, _BESIDE_SHARE * self._in_tree):
+            from scipy.spatial import KDTree  # slow to import, and only a search needs it
 
-        # quickly made, as it is made anew after each few maps
-        return KDTree(self._eyes[: self._known], balanced_tree=False, compact_nodes=False)
+            self._in_tree = self._known
+            self._tree = KDTree(self._eyes[: self._known])
+        beside = self._eyes[self._in_tree : self._known]
+        way = eyes[:, None] - beside
+        distance = np.sqrt(way[..., 0] ** 2 + way[..., 1] ** 2 + way[..., 2] ** 2)
+        nearest = np.broadcast_to(np.arange(self._in_tree, self._known), distance.shape)
+        if self._tree is not None:
+            found = self._tree.query(eyes, k=np.arange(1, min(_EYES, self._in_tree) + 1))
+            distance = np.concatenate([found[0], distance], axis=1)
+            nearest = np.concatenate([found[1], nearest], axis=1)
+        order = np.argsort(distance, axis=1, kind="stable")[:, :_EYES]
+        return np.take_along_axis(distance, order, 1), np.take_along_axis(nearest, order, 1)
