@@ -33,7 +33,7 @@ _FACES, _LEAST = 600, 100
 # What is remembered: poses, and bytes in a checkpoint, one bit a face.
 _MOST_POSES, _MOST_BYTES = 1 << 14, 1 << 20
 # So that what is computed of them stays in a core's cache.
-_POSITIONS_AT_ONCE, _POSES_AT_ONCE = 256, 32
+_POSITIONS_AT_ONCE, _POSES_AT_ONCE = 256, 64
 
 
 class Guess:
@@ -147,15 +147,25 @@ class Guess:
 
     def _in_view(self, poses: Floats, sensor: Sensor) -> Bools:
         """Return which faces pass a sensor's filters at poses (P, 4, 4): (P, n)."""
-        single = poses.astype(np.float32)
-        ray = [self._points[i] - single[:, i, 3, None] for i in range(3)]
-        x, y, back = (_dot(single[:, :3, i, None].swapaxes(0, 1), ray) for i in range(3))
-        tan_x, tan_y = sensor.intrinsics.tan_half
-        depth, towards = -back, -_dot(self._normals, ray)
-        passes = (depth >= sensor.min_distance) & (depth <= sensor.max_distance)
-        passes &= (np.abs(x) <= tan_x * depth) & (np.abs(y) <= tan_y * depth) & (towards > 0)
-        min_cos = np.cos(sensor.max_incidence)
-        return passes & (towards * towards >= min_cos * min_cos * _dot(ray, ray))
+        axes = poses.astype(np.float32).transpose(2, 1, 0)[..., None]  # (4, 4, P, 1)
+        shape = (len(poses), self.faces)
+        ray = np.zeros((3, *shape), dtype=np.float32)
+        np.subtract(self._points[:, None], axes[3, :3], out=ray)
+        spare, across, up, depth = np.zeros((4, *shape), dtype=np.float32)
+        tan_x, tan_y = (np.float32(tangent) for tangent in sensor.intrinsics.tan_half)
+        _dot(axes[0, :3] / tan_x, ray, across, spare)
+        _dot(axes[1, :3] / tan_y, ray, up, spare)
+        _dot(-axes[2, :3], ray, depth, spare)
+        np.maximum(np.abs(across, out=across), np.abs(up, out=up), out=up)
+        passes = up <= depth
+        passes &= depth >= sensor.min_distance
+        passes &= depth <= sensor.max_distance
+        away = _dot(self._normals, ray, across, spare)
+        passes &= away < 0
+        least = _dot(ray, ray, up, spare)
+        least *= np.float32(np.cos(sensor.max_incidence) ** 2)
+        away *= away
+        return passes & (away >= least)
 
 
 def _different(poses: Floats) -> tuple[Floats, NDArray[np.intp]]:
@@ -167,6 +177,9 @@ def _different(poses: Floats) -> tuple[Floats, NDArray[np.intp]]:
     return different, np.array(which, dtype=np.intp).reshape(poses.shape[:2])
 
 
-def _dot(one: Sequence[Singles] | Singles, other: Sequence[Singles] | Singles) -> Singles:
-    """Return the sum of products over the first axis, of length 3, always in the same order."""
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+def _dot(one: Singles, other: Singles, out: Singles, spare: Singles) -> Singles:
+    """Return ``out``, the sum of products over the first axis, of length 3, always in one order."""
+    np.multiply(one[0], other[0], out=out)
+    for i in (1, 2):
+        out += np.multiply(one[i], other[i], out=spare)
+    return out

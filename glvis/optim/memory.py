@@ -30,8 +30,7 @@ _FLAT = 0.1
 _SEEN, _HIDDEN = 2, -1
 _WEIGHT = 1000  # of the nearest; 16 of them times 2 fit 16 bits
 _ROOM = 256
-# Eyes beside the tree, before it is made anew: at least, and as a share of those in it.
-_BESIDE, _BESIDE_SHARE = 32, 1 / 16
+_LATEST = 128  # eyes in a tree of their own, quickly made anew as eyes are learned
 
 
 class Memory:
@@ -49,8 +48,7 @@ class Memory:
         # looked away
         self._eyes = np.zeros((_ROOM, 3))
         self._votes = np.zeros((_ROOM, faces), dtype=np.int16)
-        self._tree: KDTree | None = None
-        self._in_tree = 0
+        self._trees: list[tuple[int, KDTree]] = []  # most eyes, the latest; where each begins
 
     def learn(self, eyes: Floats, in_view: Bools, seen: Bools) -> None:
         """Remember what was found from some eyes.
@@ -86,18 +84,24 @@ class Memory:
 
     def _nearest(self, eyes: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return how far the nearest eyes are from eyes (P, 3), and which they are: (P, k)."""
-        if self._known - self._in_tree > max(_BESIDE, _BESIDE_SHARE * self._in_tree):
-            from scipy.spatial import KDTree  # slow to import, and only a search needs it
-
-            self._in_tree = self._known
-            self._tree = KDTree(self._eyes[: self._known])
-        beside = self._eyes[self._in_tree : self._known]
-        way = eyes[:, None] - beside
-        distance = np.sqrt(way[..., 0] ** 2 + way[..., 1] ** 2 + way[..., 2] ** 2)
-        nearest = np.broadcast_to(np.arange(self._in_tree, self._known), distance.shape)
-        if self._tree is not None:
-            found = self._tree.query(eyes, k=np.arange(1, min(_EYES, self._in_tree) + 1))
-            distance = np.concatenate([found[0], distance], axis=1)
-            nearest = np.concatenate([found[1], nearest], axis=1)
+        distances, places = [], []
+        for first, tree in self._up_to_date():
+            distance, place = tree.query(eyes, k=np.arange(1, min(_EYES, tree.n) + 1))
+            distances.append(distance)
+            places.append(place + first)
+        distance, place = np.concatenate(distances, axis=1), np.concatenate(places, axis=1)
         order = np.argsort(distance, axis=1, kind="stable")[:, :_EYES]
-        return np.take_along_axis(distance, order, 1), np.take_along_axis(nearest, order, 1)
+        return np.take_along_axis(distance, order, 1), np.take_along_axis(place, order, 1)
+
+    def _up_to_date(self) -> list[tuple[int, KDTree]]:
+        """Return trees of all eyes, and where the eyes of each begin."""
+        from scipy.spatial import KDTree  # slow to import, and only a search needs it
+
+        if sum(tree.n for _, tree in self._trees) < self._known:
+            begin = self._trees[0][1].n if self._trees else 0
+            if self._known - begin > _LATEST:
+                self._trees = [(0, KDTree(self._eyes[: self._known]))]
+            else:
+                latest = KDTree(self._eyes[begin : self._known])
+                self._trees = [*self._trees[: begin > 0], (begin, latest)]
+        return self._trees
