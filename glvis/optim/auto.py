@@ -21,9 +21,8 @@ from itertools import cycle
 
 import numpy as np
 
-from glvis.optim.climb import climbed, sketched
+from glvis.optim.climb import TRIES, climbed, sketched
 from glvis.optim.greedy import exchanged, greedy, mounts_of
-from glvis.optim.refine import refine, steps_of
 from glvis.optim.rivals import challenge, cost
 from glvis.optim.script import Block, Floats, Problem, Script
 
@@ -32,17 +31,31 @@ METHOD = "sketch"
 # of the runs drop out, rivals of the last; the rest climbs.
 _GREEDY, _SKETCHED, _ROUNDS, _RIVALS = 0.1, 0.16, 0.6, 0.88
 _CLIMBED = 0.3  # of a round; the rest goes to rivals
-_STARTS, _STARTS_COUPLED = 8, 2
+_STARTS = 8
+# The same where mounts share variables, with neither greedy choices nor rivals; as many starts
+# as climb so many times through all blocks in the first round.
+_SKETCHED_COUPLED, _ROUNDS_COUPLED, _CLIMBS, _MOST_ROUNDS = 0.1, 0.85, 5, 6
 # Layouts sketched at a time, how often each is rendered, and rounds before each time. After
 # every second time the poorer half is begun anew.
-_LINES, _LINES_COUPLED, _DRAFTS, _SKETCH_ROUNDS = 32, 4, 8, 8
+_LINES, _DRAFTS, _SKETCH_ROUNDS = 64, 8, 4
 
 Run = tuple[Floats, float]  # a layout (D,) and its value
 
 
 def auto(problem: Problem) -> Script:
     """Search until all maps that may be rendered are."""
-    runs = yield from _starts(problem)
+    x = problem.start
+    (value,) = yield problem.ask(x[None], range(len(problem.moved_by)), METHOD)
+    start = (x, float(value))
+    if all(mount.is_alone for mount in mounts_of(problem)):
+        yield from _independent(problem, start)
+    else:
+        yield from _coupled(problem, start)
+
+
+def _independent(problem: Problem, start: Run) -> Script:
+    """Search where no mounts share variables: maps of one are good beside any others."""
+    runs = yield from _starts(problem, start)
     found = [x for x, _ in runs]  # where each start and each rival came to
     blocks, dearest = cycle(problem.blocks), _dearest(problem)
     rounds = len(runs).bit_length() - 1
@@ -56,17 +69,33 @@ def auto(problem: Problem) -> Script:
                 run = yield from _challenged(problem, run, next(blocks), found)
             runs[number] = run
         found += [x for x, _ in runs]
-        runs = sorted(runs, key=lambda run: -run[1])[: len(runs) // 2]
+        runs = _best(runs, len(runs) // 2)
         runs[0] = yield from _recombined(problem, runs[0], found)
     run = runs[0]
     while problem.maps_rendered < _RIVALS * problem.max_maps and dearest <= problem.left():
         run = yield from _challenged(problem, run, next(blocks), found)
         run = yield from _recombined(problem, run, found)
-    if all(mount.is_alone for mount in mounts_of(problem)):
-        yield from climbed(problem, *run)
-    else:  # where mounts share variables, steps that learn a direction may help in the end
-        x, value = yield from climbed(problem, run[0], run[1], problem.left() // 2)
-        yield from refine(problem, x, value, steps_of(problem))
+    yield from climbed(problem, *run)
+
+
+def _coupled(problem: Problem, start: Run) -> Script:
+    """Search where mounts share variables: a rival would cost the maps of all that share them."""
+    sketches = yield from _sketches(problem, _SKETCHED_COUPLED)
+    through = TRIES * problem.models * sum(len(block.sensors) for block in problem.blocks)
+    left = _ROUNDS_COUPLED * problem.max_maps - problem.maps_rendered
+    enough = [r for r in range(_MOST_ROUNDS) if left >= r * 2**r * _CLIMBS * through]
+    runs = _best([start, *sketches], 2 ** max(enough, default=0))
+    rounds = len(runs).bit_length() - 1
+    for _ in range(rounds):
+        for number, run in enumerate(runs):
+            runs[number] = yield from climbed(problem, *run, int(left / rounds / len(runs)))
+        runs = _best(runs, len(runs) // 2)
+    yield from climbed(problem, *runs[0])
+
+
+def _best(runs: list[Run], n: int) -> list[Run]:
+    """Return the ``n`` best runs, best first."""
+    return sorted(runs, key=lambda run: -run[1])[:n]
 
 
 def _dearest(problem: Problem) -> int:
@@ -101,31 +130,19 @@ def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
     return (other, float(other_value)) if other_value > value else run
 
 
-def _starts(problem: Problem) -> Script:
+def _starts(problem: Problem, start: Run) -> Script:
     """Return layouts to climb from and their values, the study's own start among them."""
-    x = problem.start
-    (value,) = yield problem.ask(x[None], range(len(problem.moved_by)), METHOD)
-    found: list[Run] = [(x, float(value))]
-    budget = int(_GREEDY * problem.max_maps)
-    are_alone = all(mount.is_alone for mount in mounts_of(problem))
     # as many as can be challenged
     starts = min(_STARTS, max(2, int(_ROUNDS * problem.max_maps / _dearest(problem))))
-    if are_alone:
-        layouts, values = yield from greedy(problem, budget, starts)
-        found += zip(layouts, values.tolist(), strict=True)
-    else:
-        for _ in range(_STARTS_COUPLED):
-            layouts, values = yield from greedy(problem, budget // _STARTS_COUPLED)
-            found += zip(layouts, values.tolist(), strict=True)
-    found += yield from _sketches(problem, _LINES if are_alone else _LINES_COUPLED)
-    return sorted(found, key=lambda start: -start[1])[:starts]
+    layouts, values = yield from greedy(problem, int(_GREEDY * problem.max_maps), starts)
+    sketches = yield from _sketches(problem, _SKETCHED - _GREEDY)
+    return _best([start, *zip(layouts, values.tolist(), strict=True), *sketches], starts)
 
 
-def _sketches(problem: Problem, lines: int) -> Script:
-    """Return layouts that were sketched, and their values."""
+def _sketches(problem: Problem, share: float) -> Script:
+    """Return layouts that were sketched, and their values, for a share of the budget."""
     sensors = range(len(problem.moved_by))
-    budget = (_SKETCHED - _GREEDY) * problem.max_maps
-    n = min(lines, int(budget / (_DRAFTS * len(sensors) * problem.models)))
+    n = min(_LINES, int(share * problem.max_maps / (_DRAFTS * len(sensors) * problem.models)))
     if n == 0:
         return []
     x, values = problem.box.uniform(n, problem.rng, reach=1.5), np.full(n, -np.inf)

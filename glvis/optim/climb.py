@@ -16,7 +16,8 @@ METHOD = "climb"
 # Rendered of each climb, and guessed at for each of them. See auto.py for what was measured.
 TRIES, _TRIED_OF = 4, 16
 _STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
-_SKETCHED_AMONG = 32  # steps of a sketch
+_SKETCHED_AMONG = 16  # steps of a sketch
+_SHIFTS, _ADAPTED = 16, 1  # of what mounts share; rounds in which each mount adapts
 _LEAST = 4  # of both, where many sensors move at once
 
 
@@ -49,14 +50,23 @@ def climbed(problem: Problem, x: Floats, value: float, maps: int | None = None) 
 
 
 def likely(problem: Problem, x: Floats, block: Block) -> Floats:
-    """Return the positions (TRIES, D) around one (D,) that have the best guesses of many."""
-    around = near(problem, x[None], block, TRIES * _fewer(_TRIED_OF, block))[0]
+    """Return the positions (TRIES, D) around one (D,) that have the best guesses of many.
+
+    What several mounts share is shifted alone, and each mount adapts to that by the guess: where
+    a height changes, all that stand there must look elsewhere.
+    """
+    inner = [other for other in problem.blocks if {*other.sensors} < {*block.sensors}]
+    if inner:
+        around = near(problem, x[None], block.own, _SHIFTS)[0]
+        around = sketched(problem, around, inner, _ADAPTED, with_leaps=False)
+    else:
+        around = near(problem, x[None], block.columns, TRIES * _fewer(_TRIED_OF, block))[0]
     return around[np.argsort(-problem.guess(around, None), kind="stable")[:TRIES]]
 
 
-def near(problem: Problem, x: Floats, block: Block, n: int) -> Floats:
-    """Return positions (K, n, D) at all distances from x (K, D), about half of the block moved."""
-    rng, box, columns = problem.rng, problem.box, np.array(block.columns)
+def near(problem: Problem, x: Floats, moving: Sequence[int], n: int) -> Floats:
+    """Return positions (K, n, D) at all distances from x (K, D), about half of ``moving`` moved."""
+    rng, box, columns = problem.rng, problem.box, np.array(moving)
     shape = (len(x), n, len(columns))
     size = 10 ** rng.uniform(*_STEPS, (*shape[:2], 1))
     moved = rng.random(shape) < 0.5
@@ -86,7 +96,7 @@ def sketched(
     for _ in range(rounds):
         for block in blocks:
             among = _fewer(_SKETCHED_AMONG, block)
-            tried = near(problem, x, block, among)
+            tried = near(problem, x, block.columns, among)
             if with_leaps:
                 leaps = anywhere(problem, x, block, among)
                 tried = np.concatenate([leaps, tried], axis=1)

@@ -87,7 +87,7 @@ class Guess:
                 ]
             )
             for rows in which.T:
-                counts += seen[rows]
+                counts += seen[rows[0]] if (rows == rows[0]).all() else seen[rows]
         by_model = [
             study.objective.values(part, areas)
             for part, areas in zip(

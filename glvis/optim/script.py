@@ -88,10 +88,13 @@ class Block:
         Of a position.
     sensors : tuple of int
         All that they move.
+    own : tuple of int
+        Those of the columns that move all these sensors, at once.
     """
 
     columns: tuple[int, ...]
     sensors: tuple[int, ...]
+    own: tuple[int, ...]
 
 
 @dataclass(eq=False)
@@ -155,6 +158,7 @@ class Problem:
             Block(
                 tuple(c for c, moved in enumerate(moves) if moved <= sensors),
                 tuple(sorted(sensors)),
+                tuple(c for c, moved in enumerate(moves) if moved == sensors),
             )
             for sensors in sorted(dict.fromkeys(moves), key=lambda moved: (len(moved), min(moved)))
         ]
