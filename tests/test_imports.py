@@ -31,7 +31,7 @@ ARROWS = {
     "differential": "script",
     "climb": "script",
     "rivals": "climb script",
-    "auto": "climb greedy refine rivals script",
+    "auto": "climb greedy rivals script",
     "sensor": "camera",
     "scene": "meshfiles",
     "layout": "expressions",

@@ -47,11 +47,11 @@ def test_face_is_free_where_a_third_of_the_votes_say_so(seen_by, free):
 
 
 def test_it_does_not_matter_in_how_many_lots_it_learns(rng):
-    eyes, seen = rng.random((40, 3)), rng.random((40, 5)) < 0.5
-    in_view = seen | (rng.random((40, 5)) < 0.5)
+    eyes, seen = rng.random((400, 3)), rng.random((400, 5)) < 0.5
+    in_view = seen | (rng.random((400, 5)) < 0.5)
     at_once, one_by_one = Memory(5), Memory(5)
     at_once.learn(eyes, in_view, seen)
-    for k in range(40):
+    for k in range(400):
         one_by_one.learn(eyes[k : k + 1], in_view[k : k + 1], seen[k : k + 1])
         one_by_one.free(eyes[:1])
     places = rng.random((30, 3))

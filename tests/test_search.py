@@ -4,6 +4,7 @@ import gc
 import math
 import sys
 import threading
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -197,6 +198,19 @@ def test_climbing_finds_the_top_of_a_bowl_and_sooner_with_a_guess(moved_by, seed
     assert asked[1] < 0.7 * asked[0]
 
 
+def ridge(x, looking):
+    """Return the value of a narrow ridge that leads to 0.9; all must move together."""
+    return -float(np.sum((x[1:] - x[0]) ** 2) * 100 + (x[0] - 0.9) ** 2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_climbing_follows_a_ridge_where_mounts_must_adapt_to_what_they_share(seed):
+    task = guided(SHARED, ridge, seed=seed, max_maps=600)
+    search = ScriptSearch(lambda task: climbed(task, task.start, -np.inf), task)
+    Course(search, ridge, SHARED).run()
+    assert search.best_value > -0.01
+
+
 def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
     task = problem(SHARED, start=0.5)
     for block in task.blocks:
@@ -254,6 +268,16 @@ def test_challenge_costs_no_more_than_it_says():
     for block in task.blocks:
         _, asked = told(challenge(task, task.start, block), bowl, range(4))
         assert asked * len(block.sensors) * 2 == cost(task, block)
+
+
+def test_auto_only_sketches_and_climbs_where_mounts_share_variables():
+    course = Course(ScriptSearch(METHODS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
+    course.run()
+    assert [method for method, _ in groupby(method for _, _, method in course.asks)] == [
+        "sketch",
+        "climb",
+    ]
+    assert course.search.best_value > -0.01
 
 
 def test_auto_takes_every_mount_to_the_higher_hill():

@@ -7,7 +7,7 @@ zero; the search maximises OF, the same order while OF > 0.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,9 +114,7 @@ class Objective:
         """
         seen_by = np.asarray(counts)
         most = int(seen_by.max(initial=0))
-        # what one face in all is worth, seen by 0, 1, ... sensors
-        alone = replace(self, by_area=False)
-        worth = np.array([alone.terms([k], [1.0])["value"] for k in range(most + 1)])
+        worth = self._worth(most)
         if self.by_area:
             weights = np.asarray(area, dtype=float)
             total = float(weights.sum())
@@ -159,6 +157,14 @@ class Objective:
                 for k, w in enumerate(self.overlap, start=1)
             ),
         )
+
+    def _worth(self, most: int) -> NDArray[np.float64]:
+        """Return what one face is worth, seen by 0, 1, ... ``most`` sensors, (most + 1,)."""
+        k = np.arange(most + 1)
+        is_seen = (k > 0).astype(float)
+        of2 = np.concatenate([[0.0], self._overlap_weights(most)])  # Eq. (4)
+        of3 = self.w_tot * k + self.w_of1 * is_seen + self.w_of2 * of2  # Eq. (5)
+        return {"of1": is_seen, "of2": of2, "of3": of3}[self.kind]
 
     def _overlap_weights(self, n: int) -> NDArray[np.float64]:
         """Return w_1 ... w_n, the table continued by its last entry."""
