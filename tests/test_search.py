@@ -227,12 +227,13 @@ def test_sketches_end_where_the_guess_is_best_each_by_itself():
     task = guided(PAIR, hills)
     begin = np.array([[0.2, 0.2, 0.2, 0.2], [0.7, 0.75, 0.1, 0.1], [0.9, 0.9, 0.9, 0.9]])
     kept = begin.copy()
-    climbed_on = sketched(task, begin, task.blocks, 30, with_leaps=False)
-    leapt = sketched(task, begin, task.blocks, 30, with_leaps=True)
+    climbed_on, guesses = sketched(task, begin, task.blocks, 30, with_leaps=False)
+    leapt, _ = sketched(task, begin, task.blocks, 30, with_leaps=True)
     assert np.array_equal(begin, kept)
+    assert np.array_equal(guesses, task.guess(climbed_on, None))
     assert task.guess(climbed_on, None) == pytest.approx([2, 3, 4], abs=0.1)
     assert task.guess(leapt, None) == pytest.approx([4, 4, 4], abs=0.2)
-    one = sketched(task, begin, [task.blocks[1]], 5, with_leaps=True)
+    one, _ = sketched(task, begin, [task.blocks[1]], 5, with_leaps=True)
     assert np.array_equal(one[:, :2], begin[:, :2])
 
 

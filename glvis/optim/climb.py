@@ -17,7 +17,7 @@ METHOD = "climb"
 TRIES, _TRIED_OF = 4, 16
 _STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
 _SKETCHED_AMONG = 16  # steps of a sketch
-_SHIFTS, _ADAPTED = 16, 1  # of what mounts share; rounds in which each mount adapts
+_SHIFTS, _ADAPTED = 8, 1  # of what mounts share; rounds in which each mount adapts
 _LEAST = 4  # of both, where many sensors move at once
 
 
@@ -58,10 +58,11 @@ def likely(problem: Problem, x: Floats, block: Block) -> Floats:
     inner = [other for other in problem.blocks if {*other.sensors} < {*block.sensors}]
     if inner:
         around = near(problem, x[None], block.own, _SHIFTS)[0]
-        around = sketched(problem, around, inner, _ADAPTED, with_leaps=False)
+        around, guesses = sketched(problem, around, inner, _ADAPTED, with_leaps=False)
     else:
         around = near(problem, x[None], block.columns, TRIES * _fewer(_TRIED_OF, block))[0]
-    return around[np.argsort(-problem.guess(around, None), kind="stable")[:TRIES]]
+        guesses = problem.guess(around, None)
+    return around[np.argsort(-guesses, kind="stable")[:TRIES]]
 
 
 def near(problem: Problem, x: Floats, moving: Sequence[int], n: int) -> Floats:
@@ -87,8 +88,8 @@ def anywhere(problem: Problem, x: Floats, block: Block, n: int) -> Floats:
 
 def sketched(
     problem: Problem, x: Floats, blocks: Sequence[Block], rounds: int, *, with_leaps: bool
-) -> Floats:
-    """Return layouts (K, D) moved from x (K, D) to where the guess is better, each by itself.
+) -> tuple[Floats, Floats]:
+    """Return layouts (K, D) moved from x (K, D) to better guesses, each by itself, and these.
 
     ``with_leaps`` lets a block leave for anywhere as well.
     """
@@ -101,7 +102,7 @@ def sketched(
                 leaps = anywhere(problem, x, block, among)
                 tried = np.concatenate([leaps, tried], axis=1)
             x, guesses = best_of(problem, x, guesses, tried)
-    return x
+    return x, guesses
 
 
 def best_of(problem: Problem, x: Floats, guesses: Floats, tried: Floats) -> tuple[Floats, Floats]:

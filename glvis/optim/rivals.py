@@ -31,7 +31,7 @@ def challenge(problem: Problem, x: Floats, block: Block) -> Script:
     rivals = np.repeat(x[None], _RIVALS, axis=0)
     drawn = anywhere(problem, rivals, block, _GUESSES)
     rivals, _ = best_of(problem, rivals, np.full(_RIVALS, -np.inf), drawn)
-    rivals = sketched(problem, rivals, [block], _SKETCHES, with_leaps=False)
+    rivals, _ = sketched(problem, rivals, [block], _SKETCHES, with_leaps=False)
     values = yield problem.ask(rivals, block.sensors, METHOD)
     stay = _CLIMBERS
     while stay:

@@ -279,10 +279,13 @@ class ScriptSearch:
     def state(self) -> dict[str, NDArray[Any]]:
         """Return what was told, from which all else follows."""
         head = {"beyond": self._beyond, "digest": self._digest.hexdigest()}
+        # in one piece each from now on, as this is asked for again after the next few
+        self._told = [np.concatenate([np.zeros(0), *self._told])]
+        self._learned = [np.concatenate(self._learned)] if self._learned else []
         return {
-            "values": np.concatenate([np.zeros(0), *self._told]),
+            "values": self._told[0],
             "maps": np.array(self._maps, dtype=np.int64),
-            "learned": np.concatenate(self._learned or [np.zeros((0, 0), np.uint8)]),
+            "learned": self._learned[0] if self._learned else np.zeros((0, 0), np.uint8),
             "json": np.array(json.dumps(head)),
         }
 
