@@ -74,7 +74,7 @@ def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkey
             )
         learned = read_checkpoint(path, study).search["learned"]
         sizes.append(learned.shape)
-    faces = sum(min(300 // len(study.models), model.n_faces) for model in study.models)
+    faces = sum(min(600 // len(study.models), model.n_faces) for model in study.models)
     assert sizes[-1] == (150, -(-faces // 8))
     assert sizes[0][0] < sizes[1][0] < 150
     resumed = place_sensors(study, workers=2, checkpoint=path, resume=True)

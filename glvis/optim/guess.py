@@ -29,7 +29,7 @@ Bools = NDArray[np.bool_]
 # agree with those by maps to 0.70 (Spearman) where no map is known, 0.92 where 500 random ones are,
 # 0.96 with 1,800 or 6,000, 0.97 with 20,000, and 0.98 by the true maps (800 faces, 16 eyes; one eye
 # 0.87, four 0.94, thirty-two no more than sixteen; eyes weighed by rank, the majority won).
-_FACES, _LEAST = 300, 50
+_FACES, _LEAST = 600, 100
 # What is remembered: poses, and bytes in a checkpoint, one bit a face.
 _MOST_POSES, _MOST_BYTES = 1 << 14, 1 << 20
 # So that what is computed of them stays in a core's cache.
