@@ -12,7 +12,7 @@ climbed loses to a layout that has: there all begin as sketches, and the better 
 The constants were chosen on a kitchen with three Kinects and 12,000 maps, seeds 101 and 103: about
 a dozen variants, few of them on both seeds, so they stand on little. Seed 101 came to 67.4 % of
 the faces with 16 starts and as many maps for climbing as for rivals, 66.6 % where the guess learned
-from first views only, 68.8 % as it is now; the best that any longer search found is 68.8 %.
+from first views only, 68.8 % as it was then; the best that any longer search found is 68.8 %.
 Climbing by guessed steps took 150 maps to where refinement by itself came after 600 to 1,200.
 From the second best hill known, 2 of 24 challenges led to the best with 32 rivals of which half
 were sketched, 5 of 24 with all of them sketched, 5 with 64, for fewer maps. All that with 32 steps
