@@ -46,8 +46,9 @@ METHOD = "sketch"
 _GREEDY, _SKETCHED, _ROUNDS, _RIVALS = 0.1, 0.16, 0.6, 0.88
 _CLIMBED = 0.3  # of a round; the rest goes to rivals
 _STARTS = 8
-# The same where mounts share variables, with neither greedy choices nor rivals; as many starts
-# as climb so many times through all blocks in the first round.
+# The same where mounts share variables, with neither greedy choices nor rivals. The study's start
+# climbs so many times through all blocks before it is held against sketches; as many of all as can
+# climb as often in the first round.
 _SKETCHED_COUPLED, _ROUNDS_COUPLED, _CLIMBS, _MOST_ROUNDS = 0.1, 0.85, 5, 6
 # Layouts sketched at a time, how often each is rendered, and rounds before each time. After
 # every second time the poorer half is begun anew.
@@ -94,8 +95,9 @@ def _independent(problem: Problem, start: Run) -> Script:
 
 def _coupled(problem: Problem, start: Run) -> Script:
     """Search where mounts share variables: a rival would cost the maps of all that share them."""
-    sketches = yield from _sketches(problem, _SKETCHED_COUPLED)
     through = TRIES * problem.models * sum(len(block.sensors) for block in problem.blocks)
+    start = yield from climbed(problem, *start, _CLIMBS * through)
+    sketches = yield from _sketches(problem, _SKETCHED_COUPLED)
     left = _ROUNDS_COUPLED * problem.max_maps - problem.maps_rendered
     enough = [r for r in range(_MOST_ROUNDS) if left >= r * 2**r * _CLIMBS * through]
     runs = _best([start, *sketches], 2 ** max(enough, default=0))
