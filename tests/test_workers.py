@@ -139,9 +139,9 @@ def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, jobs):
     ("poses", "slowest", "seconds"),
     [
         (32, 0.0, 300.0),  # nothing is known yet
-        (32, 0.001, 30.0),
+        (32, 0.001, 60.0),
         (32, 0.1, 20 * 3.2),  # twenty times the longest job, pose for pose
-        (4, 0.1, 30.0),
+        (4, 0.1, 60.0),
         (128, 1.0, 540.0),
     ],
 )
