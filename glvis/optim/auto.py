@@ -16,10 +16,10 @@ the faces with 16 starts and as many maps for climbing as for rivals, 66.6 % whe
 from first views only, 68.8 % as it was then; the best that any longer search found is 68.8 %.
 Climbing by guessed steps took 150 maps to where refinement by itself came after 600 to 1,200.
 From the second best hill known, 2 of 24 challenges led to the best with 32 rivals of which half
-were sketched, 5 of 24 with all of them sketched, 5 with 64, for fewer maps. All that with 32 steps
-a sketch, eight rounds of sketches before each draft and four steps of a rival; with 16, four and
-two, an eighth of a challenge's guesses, seeds 101 and 103 came to 67.0 and 68.8 %, with as many as
-before to 69.1 and 67.3 %.
+were sketched, 5 of 24 with all of them sketched, 5 with 64, for fewer maps. With 16 steps a sketch
+in place of 32, four rounds of sketches in place of eight, and two steps of a rival in place of
+four, a search takes half the time and finds less: with two Kinects and 8,000 maps 59.2, 58.5 and
+55.3 % in place of 59.25, 59.23 and 59.25 (seeds 1 to 3).
 
 What is done where mounts share variables was chosen on six arms with eight cameras (18 variables,
 at most 15.0), seeds 1, 2, 5 and 11 to 13. With 30,000 maps, seed 2: greedy choices came to 11.65
@@ -37,7 +37,7 @@ from itertools import cycle
 
 import numpy as np
 
-from glvis.optim.climb import TRIES, climbed, sketched
+from glvis.optim.climb import STEPS, STEPS_COUPLED, TRIES, climbed, sketched
 from glvis.optim.greedy import exchanged, greedy, mounts_of
 from glvis.optim.rivals import challenge, cost
 from glvis.optim.script import Block, Floats, Problem, Script
@@ -52,9 +52,9 @@ _STARTS = 8
 # climbs so many times through all blocks before it is held against sketches; as many of all as can
 # climb as often in the first round.
 _SKETCHED_COUPLED, _ROUNDS_COUPLED, _CLIMBS, _MOST_ROUNDS = 0.1, 0.85, 5, 6
-# Layouts sketched at a time, how often each is rendered, and rounds before each time. After
-# every second time the poorer half is begun anew.
-_LINES, _DRAFTS, _SKETCH_ROUNDS = 32, 8, 4
+# Layouts sketched at a time, how often each is rendered, and rounds before each time: where mounts
+# are independent, and not. After every second time the poorer half is begun anew.
+_LINES, _DRAFTS, _SKETCH_ROUNDS, _SKETCH_ROUNDS_COUPLED = 32, 8, 8, 4
 
 Run = tuple[Floats, float]  # a layout (D,) and its value
 
@@ -99,7 +99,9 @@ def _coupled(problem: Problem, start: Run) -> Script:
     """Search where mounts share variables: a rival would cost the maps of all that share them."""
     through = TRIES * problem.models * sum(len(block.sensors) for block in problem.blocks)
     start = yield from climbed(problem, *start, _CLIMBS * through)
-    sketches = yield from _sketches(problem, _SKETCHED_COUPLED)
+    sketches = yield from _sketches(
+        problem, _SKETCHED_COUPLED, _SKETCH_ROUNDS_COUPLED, STEPS_COUPLED
+    )
     left = _ROUNDS_COUPLED * problem.max_maps - problem.maps_rendered
     enough = [r for r in range(_MOST_ROUNDS) if left >= r * 2**r * _CLIMBS * through]
     runs = _best([start, *sketches], 2 ** max(enough, default=0))
@@ -153,12 +155,15 @@ def _starts(problem: Problem, start: Run) -> Script:
     # as many as can be challenged
     starts = min(_STARTS, max(2, int(_ROUNDS * problem.max_maps / _dearest(problem))))
     layouts, values = yield from greedy(problem, int(_GREEDY * problem.max_maps), starts)
-    sketches = yield from _sketches(problem, _SKETCHED - _GREEDY)
+    sketches = yield from _sketches(problem, _SKETCHED - _GREEDY, _SKETCH_ROUNDS, STEPS)
     return _best([start, *zip(layouts, values.tolist(), strict=True), *sketches], starts)
 
 
-def _sketches(problem: Problem, share: float) -> Script:
-    """Return layouts that were sketched, and their values, for a share of the budget."""
+def _sketches(problem: Problem, share: float, rounds: int, steps: int) -> Script:
+    """Return layouts that were sketched, and their values, for a share of the budget.
+
+    ``rounds`` before each time that they are rendered, among so many ``steps`` each.
+    """
     sensors = range(len(problem.moved_by))
     n = min(_LINES, int(share * problem.max_maps / (_DRAFTS * len(sensors) * problem.models)))
     if n == 0:
@@ -166,7 +171,7 @@ def _sketches(problem: Problem, share: float) -> Script:
     x, values = problem.box.uniform(n, problem.rng, reach=1.5), np.full(n, -np.inf)
     given_up: list[Run] = []
     for draft in range(1, _DRAFTS + 1):
-        new, _ = sketched(problem, x, problem.blocks, _SKETCH_ROUNDS, with_leaps=True)
+        new, _ = sketched(problem, x, problem.blocks, rounds, with_leaps=True, steps=steps)
         told = yield problem.ask(new, sensors, METHOD)
         is_better = told > values
         x, values = np.where(is_better[:, None], new, x), np.where(is_better, told, values)

@@ -16,8 +16,9 @@ METHOD = "climb"
 # Rendered of each climb, and guessed at for each of them. See auto.py for what was measured.
 TRIES, _TRIED_OF = 4, 16
 _STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
-_SKETCHED_AMONG = 16  # steps of a sketch
-_SHIFTS, _ADAPTED = 8, 1  # of what mounts share; rounds in which each mount adapts
+STEPS = 32  # of a sketch
+# Shifts of what mounts share; rounds in which each mount adapts, and steps then.
+_SHIFTS, _ADAPTED, STEPS_COUPLED = 8, 1, 16
 _LEAST = 4  # of both, where many sensors move at once
 
 
@@ -58,7 +59,9 @@ def likely(problem: Problem, x: Floats, block: Block) -> Floats:
     inner = [other for other in problem.blocks if {*other.sensors} < {*block.sensors}]
     if inner:
         around = near(problem, x[None], block.own, _SHIFTS)[0]
-        around, guesses = sketched(problem, around, inner, _ADAPTED, with_leaps=False)
+        around, guesses = sketched(
+            problem, around, inner, _ADAPTED, with_leaps=False, steps=STEPS_COUPLED
+        )
     else:
         around = near(problem, x[None], block.columns, TRIES * _fewer(_TRIED_OF, block))[0]
         guesses = problem.guess(around, None)
@@ -87,16 +90,22 @@ def anywhere(problem: Problem, x: Floats, block: Block, n: int) -> Floats:
 
 
 def sketched(
-    problem: Problem, x: Floats, blocks: Sequence[Block], rounds: int, *, with_leaps: bool
+    problem: Problem,
+    x: Floats,
+    blocks: Sequence[Block],
+    rounds: int,
+    *,
+    with_leaps: bool,
+    steps: int = STEPS,
 ) -> tuple[Floats, Floats]:
     """Return layouts (K, D) moved from x (K, D) to better guesses, each by itself, and these.
 
-    ``with_leaps`` lets a block leave for anywhere as well.
+    ``with_leaps`` lets a block leave for anywhere as well; it goes the best of so many ``steps``.
     """
     guesses = problem.guess(x, None)
     for _ in range(rounds):
         for block in blocks:
-            among = _fewer(_SKETCHED_AMONG, block)
+            among = _fewer(steps, block)
             tried = near(problem, x, block.columns, among)
             if with_leaps:
                 leaps = anywhere(problem, x, block, among)

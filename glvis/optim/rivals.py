@@ -15,7 +15,7 @@ from glvis.optim.script import Block, Floats, Problem, Script
 METHOD = "rivals"
 # See auto.py for what was measured.
 _RIVALS, _GUESSES = 64, 8  # rendered at first; places guessed at for each
-_SKETCHES = 2  # steps by the guess before
+_SKETCHES = 4  # steps by the guess before
 _CLIMBERS = 8  # of them climb, a power of 2
 _CLIMBS = 1  # before half of them leave
 
