@@ -131,10 +131,8 @@ def _challenged(problem: Problem, run: Run, block: Block, found: list[Floats]) -
 
 
 def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
-    """Return a run with each independent mount at the best place of any in ``found``."""
-    mounts = [mount for mount in mounts_of(problem) if mount.is_alone]
-    if not mounts:
-        return run
+    """Return a run with each mount, all independent, at the best place of any in ``found``."""
+    mounts = mounts_of(problem)
     x, value = run
     places: dict[object, Floats] = {}
     for mount in {mount.kind: mount for mount in mounts}.values():
