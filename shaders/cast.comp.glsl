@@ -36,8 +36,8 @@ layout(std140, binding = 0) uniform View {
     ivec2 size;                 // of the image, pixels
     int first_row;              // of this view in depth
     int min_pixels;             // in how many a face must show, at least 1
+    uint size_log2;             // faces in a cluster, at most 32
     uint first_cluster, n_clusters, n_small;   // in clusters; those with small faces come first
-    uint size_log2;             // faces in one, at most 32
 };
 
 const uint COORDINATE = (1u << 28) - 1u;

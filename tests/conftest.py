@@ -1,5 +1,6 @@
 """Fixtures for every test: loud floating point, a seeded generator, the shared real meshes."""
 
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,10 @@ import pytest
 
 # Real meshes that nobody here modelled lie beside the checkout, where there are any.
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+# A shell lets what it starts in the background ignore Ctrl-C, which tests here send.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser):

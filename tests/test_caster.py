@@ -28,7 +28,7 @@ CRITERIA = [
     {"criterion": "pixels", "resolution": (90, 70)},
     {"criterion": "pixels", "resolution": (90, 70), "min_pixels": 3},
 ]
-ALL_CAST, NONE_CAST, MIXED = 1e9, 0.0, 6.0  # edges in pixels up to which faces are cast
+ALL_CAST, NONE_CAST, MIXED = 1e9, 0.0, 10.0  # edges in pixels up to which faces are cast
 
 
 def cast_up_to(pixels, monkeypatch):
@@ -71,14 +71,14 @@ def test_cast_faces_are_seen_as_drawn_ones(small, options, monkeypatch):
 
 def test_the_mixed_case_above_is_mixed(monkeypatch):
     shares = []
-    seen_small = glvis.sight.clusters.Clusters.seen_small
+    seen_small = glvis.sight.clusters.Joined.seen_small
 
     def noted(self, *arguments):
         small = seen_small(self, *arguments)
-        shares.append(small.mean())
+        shares.extend(small[:, columns].mean() for columns in self.columns)
         return small
 
-    monkeypatch.setattr(glvis.sight.clusters.Clusters, "seen_small", noted)
+    monkeypatch.setattr(glvis.sight.clusters.Joined, "seen_small", noted)
     for seed in range(4):
         visible(seed, MIXED, monkeypatch, criterion="centroid")
         visible(seed, MIXED, monkeypatch, criterion="pixels")

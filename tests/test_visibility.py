@@ -251,7 +251,7 @@ def test_auto_keeps_the_sensors_shape_and_never_exceeds_its_pixels():
     fine = Model.from_arrays("fine", *shapes.plate(100, cells=(700, 700)))
     width, height = render_resolution(VisibilityOptions(), device, coarse)
     ratio = math.tan(math.radians(33.2)) / math.tan(math.radians(19.75))
-    assert width / height == pytest.approx(ratio, rel=0.04) and width == 64
+    assert width / height == pytest.approx(ratio, rel=0.04) and width == 256
     assert render_resolution(VisibilityOptions(), device, fine) == (1280, 720)
     assert render_resolution(VisibilityOptions(resolution="sensor"), device, fine) == (1280, 720)
     assert render_resolution(VisibilityOptions(resolution=(9, 7)), device, fine) == (9, 7)

@@ -92,16 +92,17 @@ class Objective:
         seen_by = np.asarray(counts)
         weights = np.asarray(area, dtype=float) if self.by_area else None
         # share[i] = number (or area) of faces seen by exactly i sensors
-        share = np.bincount(seen_by, weights=weights).astype(float)
-        total = float(share.sum())
+        share = np.bincount(seen_by, weights=weights).tolist()
+        total = float(sum(share))
         if total == 0:
             raise ValueError("the model has no face (or no area) to see")
         scale = total if self.normalize else 1.0
         exactly = share[1:]
-        t_tot = float(np.arange(1, len(share)) @ exactly) / scale  # Eq. (6)
-        unique = float(exactly.sum())
+        t_tot = sum(k * faces for k, faces in enumerate(exactly, start=1)) / scale  # Eq. (6)
+        unique = float(sum(exactly))
         of1 = unique / total  # Eq. (1), Eq. (3)
-        of2 = float(self._overlap_weights(len(exactly)) @ exactly) / scale  # Eq. (4)
+        table = [*self.overlap, *[self.overlap[-1]] * (len(exactly) - len(self.overlap))]
+        of2 = sum(w * faces for w, faces in zip(table, exactly, strict=False)) / scale  # Eq. (4)
         # Eq. (5) adds OF1 to counts: there it is card{k >= 1}, normalised like the rest.
         of3 = self.w_tot * t_tot + self.w_of1 * unique / scale + self.w_of2 * of2
         terms = {"t_tot": t_tot, "of1": of1, "of2": of2, "of3": of3}

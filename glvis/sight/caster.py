@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.sight.clusters import Clusters
+from glvis.sight.clusters import Clusters, Joined
 from glvis.sight.context import gl_context
 from glvis.sight.renderer import Renderer, Selection, faces_in_images
 from glvis.sight.surface import compiled_compute
 from glvis.sight.views import NEAREST, Views
-from glvis.sight.worklist import TOLD_BYTES, Dispatches, Rules, WorkList
+from glvis.sight.worklist import TOLD_BYTES, Request, Rules, WorkList
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -36,6 +36,8 @@ _VERSION = 430  # compute shaders and storage buffers
 _SMALL, _SMALL_AMONG_LARGE, _LARGE = 64.0, 8.0, 16.0
 _CLUSTERS, _DEPTH, _SEEN = range(3)  # storage buffers of the shader
 _FACES, _DRAWN = range(2)  # its textures
+
+_OfViews = Sequence[Sequence[tuple[int, int]]]  # by view: dispatches, as a WorkList has them
 
 
 def has_compute() -> bool:
@@ -78,12 +80,18 @@ class Look:
         """Of what is counted."""
         return self.targets.surface.clusters
 
+    @property
+    def selections(self) -> Sequence[Selection]:
+        """All that may hide something."""
+        return [self.targets, *self.hiding]
+
 
 class Caster:
     """The two passes, and what they share: buffers that grow with what they hold."""
 
     def __init__(self) -> None:
         self._stores = {name: _Store() for name in ("nothing", "depth", "told", "clusters", "seen")}
+        self._joined: Joined | None = None
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -107,27 +115,62 @@ class Caster:
         ]
         if not len(views) or not looks:
             return visible
-        work = WorkList(views)
-        shares = _shares_to_cast(views, looks)
-        plans = [
-            _Plan.of(look, views, share, work) for look, share in zip(looks, shares, strict=True)
-        ]
-        self._hold("told", work.told(origin))
-        clusters = work.clusters
-        self._hold("clusters", clusters).bind_to_storage_buffer(_CLUSTERS)
-        seen = self._hold("seen", np.zeros_like(clusters))
+        plans = self._plans(views, looks)
+        work = WorkList(views, [request for plan in plans for request in plan.requests], origin)
+        self._hold("told", work.told)
+        self._hold("clusters", work.clusters).bind_to_storage_buffer(_CLUSTERS)
+        seen = self._hold("seen", np.zeros_like(work.clusters))
         seen.bind_to_storage_buffer(_SEEN)
+        dispatches = iter(work.dispatches)
         for plan, faces in zip(plans, visible, strict=True):
-            self._look(plan, views, origin, faces)
-        words = clusters
-        if clusters.size:
-            words = np.frombuffer(seen.read(clusters.nbytes), dtype="<u4")
-        for plan, faces in zip(plans, visible, strict=True):
-            _mark(faces, plan, clusters[plan.judging.whole], words[plan.judging.whole])
+            self._look(plan, [next(dispatches) for _ in plan.requests], views, origin, faces)
+        if work.clusters.size:
+            _mark(visible, plans, work, np.frombuffer(seen.read(work.clusters.nbytes), dtype="<u4"))
         return visible
 
-    def _look(self, plan: _Plan, views: Views, origin: Floats, visible: Bools) -> None:
+    def _plans(self, views: Views, looks: Sequence[Look]) -> list[_Plan]:
+        """Return what is cast, drawn and judged of each look."""
+        selections = [one for look in looks for one in look.selections]
+        joined = self._joined_of([one.surface.clusters for one in selections])
+        share = np.repeat(_shares_to_cast(views, looks), [len(one.selections) for one in looks], 0)
+        small = joined.seen_small(views.depth_plane, NEAREST * views.max_distance, share)
+        mask = np.concatenate([one.mask for one in selections], axis=1)
+        cast, drawn = mask & small, mask & ~small
+        all_small = bool(small.all())
+        plans, columns = [], iter(joined.columns)
+        for look in looks:
+            mine = [next(columns) for _ in look.selections]
+            pairs = list(zip(look.selections, mine, strict=True))
+            small_targets = small[:, mine[0]]
+            to_judge = [look.candidates & small_targets]
+            if look.rules.by_centre and not all_small:
+                to_judge.append(look.candidates & ~small_targets)
+            by_face = look.rules.min_pixels > 0
+            with_what = (look.renderer, look.rules)
+            requests = [Request(one, [cast[:, part]], *with_what, True) for one, part in pairs]
+            requests.append(Request(look.targets, to_judge, *with_what, by_face))
+            to_draw = []
+            if not all_small and any(drawn[:, part].any() for part in mine):
+                to_draw = [replace(one, mask=drawn[:, part]) for one, part in pairs]
+            plans.append(_Plan(look, requests, to_draw))
+        return plans
+
+    def _joined_of(self, clusters: list[Clusters]) -> Joined:
+        """Return clusters side by side; mostly they are the same as before."""
+        if self._joined is None or self._joined.clusters != clusters:
+            self._joined = Joined(clusters)
+        return self._joined
+
+    def _look(
+        self,
+        plan: _Plan,
+        dispatches: Sequence[_OfViews],
+        views: Views,
+        origin: Floats,
+        visible: Bools,
+    ) -> None:
         """Run both passes of a look; mark the faces (N, F) that were drawn and show."""
+        *casting, judging = zip(plan.requests, dispatches, strict=True)
         look, renderer = plan.look, plan.look.renderer
         cast = compiled_compute("cast")
         is_drawn = len(plan.to_draw) > 0
@@ -144,18 +187,18 @@ class Caster:
             windows=windows,
         )
         for first in range(0, len(views), renderer.tiles):
-            some = range(first, min(first + renderer.tiles, len(views)))
+            some = slice(first, min(first + renderer.tiles, len(views)))
             self._clear_depth(renderer)
-            for dispatches in plan.casting:
-                self._run(cast, dispatches, some)
+            for request, of_views in casting:
+                self._run(cast, request, of_views[some])
             gl_context().memory_barrier()
             if is_drawn:
                 next(drawing)
                 renderer.use_depths(_DRAWN)
-            self._run(judge, plan.judging, some)
+            self._run(judge, judging[0], judging[1][some])
             gl_context().memory_barrier()
             if plan.with_ids:
-                images = renderer.read_ids(len(some))
+                images = renderer.read_ids(some.stop - first)
                 visible[some] = faces_in_images(images, visible.shape[1], look.rules.min_pixels)
 
     def _hold(self, name: str, values: NDArray[Any]) -> Any:
@@ -173,13 +216,13 @@ class Caster:
         gl_context().copy_buffer(depth.buffer, nothing.buffer, size)
         depth.buffer.bind_to_storage_buffer(_DEPTH)
 
-    def _run(self, program: Any, dispatches: Dispatches, some: range) -> None:
+    def _run(self, program: Any, request: Request, of_views: _OfViews) -> None:
         """Do what some views have to do with a surface."""
-        dispatches.surface.use_packed(_FACES)
+        request.selection.surface.use_packed(_FACES)
         told = self._stores["told"].buffer
-        for view in some:
-            for record, groups in dispatches.records[view]:
-                told.bind_to_uniform_block(0, offset=TOLD_BYTES * record, size=TOLD_BYTES)
+        for of_view in of_views:
+            for row, groups in of_view:
+                told.bind_to_uniform_block(0, offset=TOLD_BYTES * row, size=TOLD_BYTES)
                 program.run(groups)
 
 
@@ -191,40 +234,15 @@ class _Plan:
     ----------
     look : Look
         Itself.
-    casting : sequence of Dispatches
-        Small faces of each of its selections.
-    judging : Dispatches
-        Candidates.
+    requests : sequence of Request
+        To cast the small faces of each of its selections; last, to judge the candidates.
     to_draw : sequence of Selection
         Large faces of each, or nothing where none are large.
     """
 
     look: Look
-    casting: Sequence[Dispatches]
-    judging: Dispatches
+    requests: Sequence[Request]
     to_draw: Sequence[Selection]
-
-    @classmethod
-    def of(cls, look: Look, views: Views, share: Floats, work: WorkList) -> _Plan:
-        """Return the plan for N views that cast edges up to a share (N,) of their depth."""
-        selections = [look.targets, *look.hiding]
-        near = NEAREST * views.max_distance
-        small = [
-            one.surface.clusters.seen_small(views.depth_plane, near, share) for one in selections
-        ]
-        pairs = list(zip(selections, small, strict=True))
-        to_judge = [look.candidates & small[0]]
-        if look.rules.by_centre:
-            to_judge.append(look.candidates & ~small[0])
-        with_what = (look.renderer, look.rules)
-        by_face = look.rules.min_pixels > 0
-        to_draw = [replace(one, mask=one.mask & ~part) for one, part in pairs]
-        return cls(
-            look,
-            [work.add(one, [one.mask & part], *with_what, by_face=True) for one, part in pairs],
-            work.add(look.targets, to_judge, *with_what, by_face=by_face),
-            to_draw if any(one.mask.any() for one in to_draw) else [],
-        )
 
     @cached_property
     def with_ids(self) -> bool:
@@ -234,18 +252,22 @@ class _Plan:
 
 
 def _mark(
-    visible: Bools, plan: _Plan, listed: NDArray[np.uint32], words: NDArray[np.uint32]
+    visible: Sequence[Bools], plans: Sequence[_Plan], work: WorkList, words: NDArray[np.uint32]
 ) -> None:
-    """Mark the faces (N, F) of judged clusters (n,) whose bits in words (n,) are set."""
-    clusters = plan.look.clusters
+    """Mark the faces (N, F), by plan, of judged clusters whose bits in words (L,) are set."""
     some = np.flatnonzero(words)
     octets = words[some].view(np.uint8).reshape(-1, 4)
-    bits = np.unpackbits(octets, axis=1, count=clusters.size, bitorder="little").view(bool)
-    view = np.repeat(np.arange(len(visible)), plan.judging.n_listed)[some]
-    place = (
-        clusters.order.reshape(-1, clusters.size)[listed[some]] + (view * visible.shape[1])[:, None]
-    )
-    visible.reshape(-1)[place[bits]] = True
+    cluster, view = work.clusters[some], work.view[some]
+    ends = np.searchsorted(some, work.begin).tolist()
+    last = 0  # request of each plan, which judges
+    for faces, plan in zip(visible, plans, strict=True):
+        last += len(plan.requests)
+        mine = slice(ends[last - 1], ends[last])
+        clusters = plan.look.clusters
+        bits = np.unpackbits(octets[mine], axis=1, count=clusters.size, bitorder="little")
+        place = clusters.order.reshape(-1, clusters.size)[cluster[mine]]
+        place = place + (view[mine] * faces.shape[1])[:, None]
+        faces.reshape(-1)[place[bits.view(bool)]] = True
 
 
 class _Store:

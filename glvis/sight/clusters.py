@@ -6,6 +6,7 @@ keeps a bounding sphere and a box around its faces' planes; ``culling`` uses bot
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,24 +71,6 @@ class Clusters:
         """Return the places in ``order`` of chosen clusters (C,) bool; padding repeats faces."""
         return np.flatnonzero(np.repeat(mask, self.size))
 
-    def seen_small(self, depth: Floats, near: Floats, share: Floats) -> Bools:
-        """Return whose faces all lie before the eye and look small from there, (N, C) bool.
-
-        Parameters
-        ----------
-        depth : (N, 4) float64
-            ``depth @ (p, 1)`` is the distance of a point p along the optical axis.
-        near : (N,) float64
-            Least distance along it.
-        share : (N,) float64
-            Longest edge as a share of that distance.
-        """
-        centre, radius = self.sphere
-        # sums row by row: a matrix product's last bits depend on the other rows
-        nearest = np.einsum("nk,kc->nc", depth, centre)
-        nearest -= radius
-        return (nearest >= near[:, None]) & (share[:, None] * nearest >= self._longest_edge)
-
     @cached_property
     def slack(self) -> float:
         """How far float32 may move a boundary, scene unit."""
@@ -114,7 +97,7 @@ class Clusters:
         return centre, np.linalg.norm(high - low, axis=1) / 2 + self.slack
 
     @cached_property
-    def _longest_edge(self) -> Floats:
+    def longest_edge(self) -> Floats:
         """Of any face of each cluster, (C,)."""
         faces = self.model.faces[self.order]
         longest = np.zeros(len(faces))
@@ -207,3 +190,47 @@ def _morton_code(points: Floats) -> NDArray[np.uint64]:
             chosen = (cells[:, axis] >> np.uint64(bit)) & np.uint64(1)
             code |= chosen << np.uint64(3 * bit + axis)
     return code
+
+
+class Joined:
+    """The clusters of M models side by side, to be looked at together.
+
+    Parameters
+    ----------
+    clusters : sequence of Clusters
+        M of them, C clusters in all.
+
+    Attributes
+    ----------
+    columns : list of slice
+        Where those of each model are.
+    """
+
+    def __init__(self, clusters: Sequence[Clusters]) -> None:
+        self.clusters = clusters
+        self._sizes = list(map(len, clusters))
+        ends = np.cumsum(self._sizes).tolist()
+        self.columns = [slice(end - n, end) for end, n in zip(ends, self._sizes, strict=True)]
+        self._centre = np.concatenate([one.sphere[0] for one in clusters], axis=1)
+        self._radius = np.concatenate([one.sphere[1] for one in clusters])
+        self._longest_edge = np.concatenate([one.longest_edge for one in clusters])
+
+    def seen_small(self, depth: Floats, near: Floats, share: Floats) -> Bools:
+        """Return whose faces all lie before the eye and look small from there, (N, C) bool.
+
+        Parameters
+        ----------
+        depth : (N, 4) float64
+            ``depth @ (p, 1)`` is the distance of a point p along the optical axis.
+        near : (N,) float64
+            Least distance along it.
+        share : (M, N) float64
+            Longest edge as a share of that distance, by model.
+        """
+        # sums row by row: a matrix product's last bits depend on the other rows
+        nearest = np.einsum("nk,kc->nc", depth, self._centre)
+        nearest -= self._radius
+        is_small = nearest >= near[:, None]
+        nearest *= np.repeat(share.T, self._sizes, axis=1)
+        is_small &= nearest >= self._longest_edge
+        return is_small

@@ -85,6 +85,7 @@ class Mapper:
         self._table = FaceTable.of(model, self.surface.clusters.order)
         self._obstacles = obstacles
         self._renderer_of = renderer_of
+        self._asked: dict[Sensor, tuple[tuple[int, int], Rules]] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -96,21 +97,32 @@ class Mapper:
         Parameters are those of ``visible``. The paper's semantics mean its occlusion, and that
         only a draw has.
         """
-        options = self.options
-        size = render_resolution(options, sensor, self.model)
-        if not (self._casts and options.occlusion == "physical" and can_hold(size)):
+        if not self._casts or self.options.occlusion != "physical":
+            return None
+        size, rules = self._asked_by(sensor)
+        if not can_hold(size):
             return None
         targets, candidates = chosen[self.surface]
         hiding = self._hiding(chosen)
-        by_pixels = options.criterion == "pixels"
-        if not by_pixels:
+        if self.options.criterion == "centroid":
             targets, *hiding = self._coarser([targets, *hiding], views, size)
-        rules = Rules(
-            min_pixels=options.min_pixels if by_pixels else 0,
-            by_centre=not by_pixels or takes_second_look(options),
-            tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
-        )
         return Look(targets, candidates, hiding, rules, self._renderer_of(size))
+
+    def _asked_by(self, sensor: Sensor) -> tuple[tuple[int, int], Rules]:
+        """Return the resolution of a sensor's views and what counts in them, worked out once."""
+        if sensor not in self._asked:
+            options = self.options
+            size = render_resolution(options, sensor, self.model)
+            by_pixels = options.criterion == "pixels"
+            self._asked[sensor] = (
+                size,
+                Rules(
+                    min_pixels=options.min_pixels if by_pixels else 0,
+                    by_centre=not by_pixels or takes_second_look(options),
+                    tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
+                ),
+            )
+        return self._asked[sensor]
 
     def visible(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return which faces each view sees where all is drawn, (N, F) bool.

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.sight.renderer import Renderer, Selection
-from glvis.sight.surface import Surface
 from glvis.sight.views import Views
 
 Bools = NDArray[np.bool_]
@@ -53,127 +52,140 @@ class Rules:
 
 
 @dataclass(frozen=True, eq=False)
-class Dispatches:
-    """What N views have to do with a surface.
+class Request:
+    """What N views have to do with a surface of C clusters.
 
     Attributes
     ----------
-    surface : Surface
-        Whose clusters.
-    whole : slice
-        Where those of all views are listed.
-    n_listed : (N,) int
-        How many for each.
-    records : list of list of tuple
-        By view: the place in what is told, and the work groups, of each dispatch.
+    selection : Selection
+        Of the surface, and whether backs are culled; its mask does not matter here.
+    masks : sequence of (N, C) bool
+        One or two: clusters of small faces, and those of large ones after them.
+    renderer, rules
+        What the views are looked at with.
+    by_face : bool
+        Whether an invocation has to do with a face of theirs, not a cluster.
     """
 
-    surface: Surface
-    whole: slice
-    n_listed: NDArray[np.intp]
-    records: list[list[tuple[int, int]]]
+    selection: Selection
+    masks: Sequence[Bools]
+    renderer: Renderer
+    rules: Rules
+    by_face: bool
 
 
 class WorkList:
-    """Collects dispatches.
+    """What is told of R requests, worked out for all of them at once.
 
     Parameters
     ----------
     views : Views
         N of them.
+    requests : sequence of Request
+        What they ask.
+    origin : (3,) float64
+        As the surfaces were made with.
+
+    Attributes
+    ----------
+    clusters : (L,) uint32
+        All lists, one after the other: by request, then by view.
+    view : (L,) int
+        For which view each is listed.
+    begin : (R + 1,) int
+        Where the lists of each request begin; the last is where all end.
+    told : (D, words) uint32
+        What the shader is told at each dispatch, TOLD_BYTES a row.
+    dispatches : list of list of list of tuple
+        By request and view: the row in what is told, and the work groups, of each dispatch.
     """
 
-    def __init__(self, views: Views) -> None:
-        self._views = views
-        self._tan_half = views.tan_half.tolist()
-        self._lists: list[NDArray[np.intp]] = [np.zeros(0, dtype=np.intp)]
-        self._n_listed = 0
-        # of each dispatch: its view, and what it is told
-        self._of: list[int] = []
-        self._floats: list[tuple[float, ...]] = []
-        self._integers: list[tuple[int, ...]] = []
+    def __init__(self, views: Views, requests: Sequence[Request], origin: Floats) -> None:
+        n, r = len(views), len(requests)
+        # each mask of a request, view by view, is a part of one long row of places
+        parts = np.array([len(request.masks) for request in requests])
+        sizes = np.array([request.masks[0].shape[1] for request in requests])
+        begin = np.concatenate([[0], np.cumsum(np.repeat(sizes, n * parts))])
+        listed = np.flatnonzero(np.concatenate([_side_by_side(one.masks) for one in requests]))
+        ends = np.searchsorted(listed, begin)
+        # the first part of each request and view, (R, N)
+        first = (np.cumsum(n * parts) - n * parts)[:, None] + np.arange(n) * parts[:, None]
+        start, n_small = ends[first], ends[first + 1] - ends[first]
+        n_listed = ends[first + parts[:, None]] - start
+        self.clusters = (listed - np.repeat(begin[:-1], np.diff(ends))).astype(np.uint32)
+        self.view = np.repeat(np.tile(np.arange(n), r), n_listed.ravel())
+        self.begin = np.append(start[:, 0], len(listed))
 
-    @property
-    def clusters(self) -> NDArray[np.uint32]:
-        """All lists, one after the other."""
-        return np.concatenate(self._lists).astype(np.uint32)
-
-    def add(
-        self,
-        selection: Selection,
-        masks: Sequence[Bools],
-        renderer: Renderer,
-        rules: Rules,
-        *,
-        by_face: bool,
-    ) -> Dispatches:
-        """Add clusters of a surface; return what is to be dispatched.
-
-        Parameters
-        ----------
-        selection : Selection
-            Whose they are, and whether backs are culled; its mask does not matter here.
-        masks : sequence of (N, C) bool
-            One or two: those of small faces, and those of large ones after them.
-        renderer, rules
-            What the views are looked at with.
-        by_face : bool
-            Whether an invocation has to do with a face of theirs, not a cluster.
-        """
-        n_clusters = masks[0].shape[1]
-        mask = np.concatenate(masks, axis=1) if len(masks) > 1 else masks[0]
-        places = np.flatnonzero(mask)
-        # where each view's begin, and its first that is not small
-        marks = np.arange(len(mask) + 1)[:, None] * mask.shape[1] + [0, n_clusters]
-        begin, large = np.searchsorted(places, marks).T
-        n_listed, n_small = begin[1:] - begin[:-1], (large - begin)[:-1]
-        self._lists.append(places % max(n_clusters, 1))
-
-        width, height = renderer.resolution
-        lattice, size = selection.surface.lattice.tolist(), selection.surface.clusters.size
-        each = size if by_face else 1
+        # a dispatch has so many work groups at most
+        faces = np.array([request.selection.surface.clusters.size for request in requests])
+        each = np.where([request.by_face for request in requests], faces, 1)
         most = _MOST_GROUPS * _GROUP // each
-        first_listed = self._n_listed
-        records: list[list[tuple[int, int]]] = []
-        for view, (count, small) in enumerate(
-            zip(n_listed.tolist(), n_small.tolist(), strict=True)
-        ):
-            tan_x, tan_y = self._tan_half[view]
-            to_pixel = (width / 2 / tan_x, height / 2 / tan_y, width / 2, height / 2)
-            floats = (*to_pixel, *lattice, rules.tolerance, float(selection.cull_backs[view]))
-            image = (width, height, height * (view % renderer.tiles), max(rules.min_pixels, 1))
-            records.append([])
-            for done in range(0, count, most):
-                n = min(most, count - done)
-                records[-1].append((len(self._of), -(-n * each // _GROUP)))
-                self._of.append(view)
-                self._floats.append(floats)
-                listed = (self._n_listed + done, n, max(0, small - done))
-                self._integers.append((*image, *listed, size.bit_length() - 1))
-            self._n_listed += count
-        whole = slice(first_listed, self._n_listed)
-        return Dispatches(selection.surface, whole, n_listed, records)
+        needed = -(-n_listed // most[:, None])
+        of = np.repeat(np.arange(r * n), needed.ravel())
+        request, view = np.divmod(of, n)
+        done = np.arange(len(of)) - (np.cumsum(needed) - needed.ravel())[of]
+        done *= most[request]
+        left = np.minimum(n_listed.ravel()[of] - done, most[request])
+        small = np.maximum(n_small.ravel()[of] - done, 0)
+        groups = -(-left * each[request] // _GROUP)
 
-    def told(self, origin: Floats) -> NDArray[np.uint32]:
-        """Return what the shader is told at each dispatch, TOLD_BYTES a row.
+        self.told = _of_views(views, origin)[view]
+        self.told[:, _FLOATS].view(np.float32)[:] = _floats(views, requests).reshape(r * n, -1)[of]
+        integers = self.told[:, _INTEGERS]
+        integers[:, :5] = _integers(requests, n).reshape(r * n, -1)[of]
+        integers[:, 5] = start.ravel()[of] + done
+        integers[:, 6], integers[:, 7] = left, small
 
-        Parameters
-        ----------
-        origin : (3,) float64
-            As the surfaces were made with.
-        """
-        views = self._views
-        to_camera = views.world_to_camera.copy()
-        to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
-        to_camera[:, 2] *= -1  # depth instead of z
-        of_view = np.zeros((len(views), _WORDS), dtype=np.uint32)
-        floats = of_view[:, _OF_VIEW].view(np.float32)
-        floats[:, :16] = np.swapaxes(to_camera, 1, 2).reshape(-1, 16)  # by column
-        floats[:, 16], floats[:, 17] = views.min_distance, views.max_distance
-        floats[:, 18], floats[:, 19] = views.min_ray_cos, views.min_axis_cos
-        floats[:, 20], floats[:, 21] = views.clip_near, views.clip_far
-        told = of_view[self._of]
-        if self._of:
-            told[:, _FLOATS].view(np.float32)[:] = self._floats
-            told[:, _INTEGERS] = self._integers
-        return told
+        self.dispatches: list[list[list[tuple[int, int]]]] = [
+            [[] for _ in range(n)] for _ in range(r)
+        ]
+        numbers = zip(request.tolist(), view.tolist(), groups.tolist(), strict=True)
+        for row, (of_request, of_view, n_groups) in enumerate(numbers):
+            self.dispatches[of_request][of_view].append((row, n_groups))
+
+
+def _side_by_side(masks: Sequence[Bools]) -> Bools:
+    """Return masks (N, C) as one row: view by view, one mask after the other."""
+    return (np.concatenate(masks, axis=1) if len(masks) > 1 else masks[0]).ravel()
+
+
+def _of_views(views: Views, origin: Floats) -> NDArray[np.uint32]:
+    """Return what is told of each view alone, the rest 0, (N, words)."""
+    to_camera = views.world_to_camera.copy()
+    to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
+    to_camera[:, 2] *= -1  # depth instead of z
+    told = np.zeros((len(views), _WORDS), dtype=np.uint32)
+    floats = told[:, _OF_VIEW].view(np.float32)
+    floats[:, :16] = np.swapaxes(to_camera, 1, 2).reshape(-1, 16)  # by column
+    floats[:, 16], floats[:, 17] = views.min_distance, views.max_distance
+    floats[:, 18], floats[:, 19] = views.min_ray_cos, views.min_axis_cos
+    floats[:, 20], floats[:, 21] = views.clip_near, views.clip_far
+    return told
+
+
+def _floats(views: Views, requests: Sequence[Request]) -> Floats:
+    """Return what else is told in floats, (R, N, 10)."""
+    half = np.array([request.renderer.resolution for request in requests])[:, None] / 2
+    floats = np.zeros((len(requests), len(views), 10))
+    floats[..., :2] = half / views.tan_half
+    floats[..., 2:4] = half
+    floats[..., 4:8] = np.array([one.selection.surface.lattice for one in requests])[:, None]
+    floats[..., 8] = np.array([request.rules.tolerance for request in requests])[:, None]
+    floats[..., 9] = [request.selection.cull_backs for request in requests]
+    return floats
+
+
+def _integers(requests: Sequence[Request], n_views: int) -> NDArray[np.int64]:
+    """Return what is told of images, pixels a face and faces a cluster, (R, N, 5)."""
+    of_request = [
+        (
+            *one.renderer.resolution,
+            one.renderer.tiles,
+            max(one.rules.min_pixels, 1),
+            one.selection.surface.clusters.size.bit_length() - 1,
+        )
+        for one in requests
+    ]
+    integers = np.repeat(np.array(of_request)[:, None], n_views, axis=1)
+    integers[..., 2] = integers[..., 1] * (np.arange(n_views) % integers[..., 2])  # first row
+    return integers
