@@ -30,4 +30,4 @@ def test_an_unknown_part_of_the_benchmark_is_refused():
     done = subprocess.run(
         [sys.executable, str(BENCH), "--only", "speed"], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 1 and "unknown part speed; choose from arms, split" in done.stderr
+    assert done.returncode == 1 and "unknown part speed; choose from arms, kitchen" in done.stderr
