@@ -12,7 +12,7 @@ from small_study import SMALL, write_small_study
 
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
-from glvis.optim.auto import _recombined
+from glvis.optim.auto import _recombined, _sketches
 from glvis.optim.box import Box
 from glvis.optim.climb import climbed, near, sketched
 from glvis.optim.evaluator import Evaluator
@@ -54,7 +54,9 @@ class Course:
             x = self.search.ask()
             sensors = self.search.sensors
             looking = range(len(self.moved_by)) if sensors is None else sensors
+            before, cost = len(self.seen), self.search.cost
             self.seen |= {row[sorted(self.moved_by[s])].tobytes() for row in x for s in looking}
+            assert self.models * (len(self.seen) - before) <= cost, self.search.method
             self.asks.append((x, sensors, self.search.method))
             values = np.array([self.function(row, looking) for row in x])
             self.search.tell(values, self.models * len(self.seen))
@@ -187,9 +189,13 @@ def guided(moved_by, function, **settings):
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_climbing_finds_the_top_of_a_bowl_and_sooner_with_a_guess(moved_by, seed):
+    def from_start(task):
+        (value,) = yield task.ask(task.start[None], range(len(moved_by)), "start")
+        yield from climbed(task, task.start, value)
+
     asked = []
     for task in (problem(moved_by, seed=seed), guided(moved_by, bowl, seed=seed)):
-        search = ScriptSearch(lambda task: climbed(task, task.start, -np.inf), task)
+        search = ScriptSearch(from_start, task)
         course = Course(search, bowl, moved_by)
         while search.best_value < -1e-3:
             course.run(most=len(course.asks) + 1)
@@ -235,6 +241,14 @@ def test_sketches_end_where_the_guess_is_best_each_by_itself():
     assert task.guess(leapt, None) == pytest.approx([4, 4, 4], abs=0.2)
     one, _ = sketched(task, begin, [task.blocks[1]], 5, with_leaps=True)
     assert np.array_equal(one[:, :2], begin[:, :2])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sketches_come_with_their_own_values(seed):
+    task = guided(PAIR, hills, seed=seed, max_maps=4000)
+    runs, _ = told(_sketches(task, 0.3, 2, 8), hills, range(2))
+    assert len(runs) > 2 * 32  # those given up on the way are among them
+    assert [value for _, value in runs] == [hills(x, range(2)) for x, _ in runs]
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -134,12 +135,23 @@ class Rig:
             raise ValueError(f"a position must have shape (P, {n}), got {position.shape}")
         if not np.isfinite(position).all():
             raise ValueError("a position must be finite")
-        flat = self._matrix.reshape(math.prod(self._matrix.shape[:-1]), n)  # D may be 0
-        numbers = (position @ flat.T).reshape(*position.shape[:-1], -1, ROWS) + self._constant
+        numbers = np.broadcast_to(self._constant, (*position.shape[:-1], *self._constant.shape))
+        if n:
+            # term by term: a matrix product's last bits depend on how many positions there are
+            terms = sum(factor * position[..., column] for factor, column in self._terms)
+            numbers = terms.reshape(numbers.shape) + self._constant
         place = self._places(numbers)
         direction = self._directions(numbers, place)
         roll = np.radians(numbers[..., ROLL])
         return self._with_mirrors(camera_to_world(place, direction, roll, self.up))
+
+    @cached_property
+    def _terms(self) -> list[tuple[Array, NDArray[np.intp]]]:
+        """Factors and columns of the first variable of each number, of the second, and so on."""
+        flat = self._matrix.reshape(-1, len(self.variables))
+        most = max(1, int(np.count_nonzero(flat, axis=1).max()))
+        columns = np.argsort(flat == 0, axis=1, kind="stable")[:, :most]
+        return list(zip(np.take_along_axis(flat, columns, axis=1).T, columns.T, strict=True))
 
     def _places(self, numbers: Array) -> Array:
         """Return the optical centres (..., M, 3); a plain position is a ring of radius 0."""

@@ -175,7 +175,7 @@ def _sketches(problem: Problem, share: float, rounds: int, steps: int) -> Script
         x, values = np.where(is_better[:, None], new, x), np.where(is_better, told, values)
         if draft % 2 == 0 and draft < _DRAFTS:
             poor = np.argsort(-values, kind="stable")[(n + 1) // 2 :]
-            given_up += [(x[k], float(values[k])) for k in poor]
+            given_up += [(x[k].copy(), float(values[k])) for k in poor]
             x[poor] = problem.box.uniform(len(poor), problem.rng, reach=1.5)
             values[poor] = -np.inf
     return [*given_up, *zip(x, values.tolist(), strict=True)]

@@ -15,7 +15,7 @@ from glvis.optim.script import Block, Floats, Problem, Script
 METHOD = "climb"
 # Rendered of each climb, and guessed at for each of them. See auto.py for what was measured.
 TRIES, _TRIED_OF = 4, 16
-_STEPS = (-2.5, -0.5)  # powers of ten between which a step lies, in shares of the range
+_STEPS = (-8.3, -1.7)  # powers of two between which a step lies, in shares of the range
 STEPS = 32  # of a sketch
 # Shifts of what mounts share; rounds in which each mount adapts, and steps then.
 _SHIFTS, _ADAPTED, STEPS_COUPLED = 8, 1, 16
@@ -72,12 +72,18 @@ def near(problem: Problem, x: Floats, moving: Sequence[int], n: int) -> Floats:
     """Return positions (K, n, D) at all distances from x (K, D), about half of ``moving`` moved."""
     rng, box, columns = problem.rng, problem.box, np.array(moving)
     shape = (len(x), n, len(columns))
-    size = 10 ** rng.uniform(*_STEPS, (*shape[:2], 1))
+    size = _power_of_two(rng.uniform(*_STEPS, (*shape[:2], 1)))
     moved = rng.random(shape) < 0.5
     moved |= np.arange(len(columns)) == rng.integers(len(columns), size=(*shape[:2], 1))
     around = np.repeat(x[:, None], n, axis=1)
     around[:, :, columns] += size * moved * rng.standard_normal(shape) * box.range[columns]
     return box.inside(around)
+
+
+def _power_of_two(exponent: Floats) -> Floats:
+    """Return about 2 ** exponent, to 6 %, and the same bits on every processor."""
+    whole = np.floor(exponent)
+    return np.ldexp(1 + (exponent - whole), whole.astype(int))
 
 
 def anywhere(problem: Problem, x: Floats, block: Block, n: int) -> Floats:

@@ -196,15 +196,17 @@ class Evaluator(Held):
         keys: list[list[bytes]] = []
         held: dict[bytes, Bits | None] = {}  # of this batch, so that no pose is lost before use
         missing: list[dict[bytes, tuple[int, int]]] = []  # where each new pose stands
+        counted = []  # maps of each position that were never made before
         for places in poses:
             keys.append(
                 [_key(sensors[kind].name, pose) for kind, pose in zip(kinds, places, strict=True)]
             )
             new = {}
+            counted.append(0)
             for s, key in enumerate(keys[-1]):
                 if key not in held:
                     is_known, held[key] = self._cache.get(key)
-                    self.maps_rendered += 0 if is_known else len(self.study.models)
+                    counted[-1] += 0 if is_known else len(self.study.models)
                     if held[key] is None:
                         new[key] = (kinds[s], s)
             missing.append(new)
@@ -215,6 +217,7 @@ class Evaluator(Held):
             for new_keys in by_kind:
                 held.update(zip(new_keys, next(made), strict=True))
             for p in block:
+                self.maps_rendered += counted[p]
                 for key in keys[p]:
                     self._cache.put(key, held[key])
                 yield np.stack([cast(Bits, held[key]) for key in keys[p]])

@@ -66,6 +66,11 @@ class Guess:
         self._normals = np.concatenate([m.normals[f] for m, f in chosen]).T.astype(np.float32)
         self._areas = [model.areas[faces] for model, faces in chosen]
         self._ends = np.cumsum([len(faces) for faces in self._chosen])
+        self._scale = np.ones(len(chosen))  # from the chosen faces' values to those of the models
+        if not study.objective.is_share:
+            whole = [m.areas.sum() if study.objective.by_area else m.n_faces for m, _ in chosen]
+            parts = [a.sum() if study.objective.by_area else len(a) for a in self._areas]
+            self._scale = np.array(whole) / np.array(parts)
         self._memory = Memory(self.faces)
         self._known: set[bytes] = set()
         self._most = min(_MOST_POSES, _MOST_BYTES // ((self.faces + 7) // 8))
@@ -85,7 +90,7 @@ class Guess:
         study = self._study
         counts = np.zeros((len(poses), self.faces), dtype=np.min_scalar_type(len(looking)))
         for sensor in dict.fromkeys(study.sensors[s] for s in looking):
-            columns = [c for c, s in enumerate(looking) if study.sensors[s] is sensor]
+            columns = [c for c, s in enumerate(looking) if study.sensors[s] == sensor]
             different, which = _different(poses[:, columns])
             seen = np.concatenate(
                 [
@@ -101,7 +106,7 @@ class Guess:
                 np.split(counts, self._ends[:-1], axis=1), self._areas, strict=True
             )
         ]
-        return study.objective.aggregated(np.stack(by_model, axis=1))
+        return study.objective.aggregated(np.stack(by_model, axis=1) * self._scale)
 
     @property
     def faces(self) -> int:

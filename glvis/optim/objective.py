@@ -71,6 +71,11 @@ class Objective:
         if not 0 < self.cvar_fraction <= 1:
             raise ValueError(f"cvar_fraction = {self.cvar_fraction:g} must lie in (0, 1]")
 
+    @property
+    def is_share(self) -> bool:
+        """Whether a model's value is divided by the number (or area) of all its faces."""
+        return self.normalize or self.kind == "of1"
+
     def terms(self, counts: ArrayLike, area: ArrayLike) -> dict[str, float]:
         """Return the terms of one model.
 
@@ -126,7 +131,7 @@ class Objective:
             values = np.zeros(len(seen_by))
             for k, faces in enumerate(exactly, start=1):
                 values += worth[k] * faces
-        return values / total if self.normalize or self.kind == "of1" else values
+        return values / total if self.is_share else values
 
     def aggregated(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return one value (...,) from the values of the models (..., M)."""

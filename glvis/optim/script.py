@@ -349,12 +349,18 @@ class ScriptSearch:
         return f"finished: {spent} of {most} maps are rendered"
 
     @property
+    def cost(self) -> int:
+        """The most maps that what is asked for next may render, 0 at the end."""
+        return self._next.cost if self._next else 0
+
+    @property
     def _is_spent(self) -> bool:
         """Whether what is asked for next may cost more maps than are left."""
-        return self._next is not None and self._next.cost > self._problem.left()
+        return self.cost > self._problem.left()
 
 
 def _another_way() -> StudyError:
     return StudyError(
-        "the search cannot go on: this version of glvis or NumPy would have searched in another way"
+        "the search cannot go on: this version of glvis or NumPy, or this processor, would have "
+        "searched in another way"
     )

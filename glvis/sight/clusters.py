@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from glvis.inputs.scene import Model
 
-_SIZE_SMALL, _SIZE_LARGE, _LARGE = 8, 32, 100_000  # faces a cluster; measured by tools/bench
+# Faces a cluster, measured by tools/bench: powers of two, at most the 32 bits of a word.
+_SIZE_SMALL, _SIZE_LARGE, _LARGE = 8, 32, 100_000
 _SLACK = 1e-5  # of the scene's extent: float32 on the GPU may round a boundary the other way
 _MORTON_BITS = 10
 

@@ -73,6 +73,29 @@ class Request:
     rules: Rules
     by_face: bool
 
+    @property
+    def integers(self) -> tuple[int, ...]:
+        """Masks, clusters, invocations a cluster, and what the shader is told of any view.
+
+        That is width and height, then the views that share a buffer, in whose place the shader
+        has the first row of one, the least pixels of a face, and the size of clusters.
+        """
+        size = self.selection.surface.clusters.size
+        return (
+            len(self.masks),
+            self.masks[0].shape[1],
+            size if self.by_face else 1,
+            *self.renderer.resolution,
+            self.renderer.tiles,
+            max(self.rules.min_pixels, 1),
+            size.bit_length() - 1,
+        )
+
+    @property
+    def floats(self) -> tuple[float, ...]:
+        """What the shader is told of any view in floats."""
+        return (*self.selection.surface.lattice.tolist(), self.rules.tolerance)
+
 
 class WorkList:
     """What is told of R requests, worked out for all of them at once.
@@ -102,39 +125,40 @@ class WorkList:
 
     def __init__(self, views: Views, requests: Sequence[Request], origin: Floats) -> None:
         n, r = len(views), len(requests)
+        integers = np.array([request.integers for request in requests])
+        parts, n_clusters, each = integers[:, :3].T
         # each mask of a request, view by view, is a part of one long row of places
-        parts = np.array([len(request.masks) for request in requests])
-        sizes = np.array([request.masks[0].shape[1] for request in requests])
-        begin = np.concatenate([[0], np.cumsum(np.repeat(sizes, n * parts))])
+        begin = np.concatenate([[0], np.cumsum(np.repeat(n_clusters, n * parts))])
         listed = np.flatnonzero(np.concatenate([_side_by_side(one.masks) for one in requests]))
         ends = np.searchsorted(listed, begin)
-        # the first part of each request and view, (R, N)
-        first = (np.cumsum(n * parts) - n * parts)[:, None] + np.arange(n) * parts[:, None]
-        start, n_small = ends[first], ends[first + 1] - ends[first]
-        n_listed = ends[first + parts[:, None]] - start
         self.clusters = (listed - np.repeat(begin[:-1], np.diff(ends))).astype(np.uint32)
+        # of each request and view, (R, N)
+        first = (np.cumsum(n * parts) - n * parts)[:, None] + np.arange(n) * parts[:, None]
+        start = ends[first]
+        n_small, n_listed = ends[first + 1] - start, ends[first + parts[:, None]] - start
         self.view = np.repeat(np.tile(np.arange(n), r), n_listed.ravel())
         self.begin = np.append(start[:, 0], len(listed))
 
         # a dispatch has so many work groups at most
-        faces = np.array([request.selection.surface.clusters.size for request in requests])
-        each = np.where([request.by_face for request in requests], faces, 1)
         most = _MOST_GROUPS * _GROUP // each
-        needed = -(-n_listed // most[:, None])
-        of = np.repeat(np.arange(r * n), needed.ravel())
+        needed = -(-n_listed // most[:, None]).ravel()
+        of = np.repeat(np.arange(r * n), needed)
         request, view = np.divmod(of, n)
-        done = np.arange(len(of)) - (np.cumsum(needed) - needed.ravel())[of]
-        done *= most[request]
+        done = (np.arange(len(of)) - (np.cumsum(needed) - needed)[of]) * most[request]
         left = np.minimum(n_listed.ravel()[of] - done, most[request])
-        small = np.maximum(n_small.ravel()[of] - done, 0)
         groups = -(-left * each[request] // _GROUP)
 
         self.told = _of_views(views, origin)[view]
-        self.told[:, _FLOATS].view(np.float32)[:] = _floats(views, requests).reshape(r * n, -1)[of]
-        integers = self.told[:, _INTEGERS]
-        integers[:, :5] = _integers(requests, n).reshape(r * n, -1)[of]
-        integers[:, 5] = start.ravel()[of] + done
-        integers[:, 6], integers[:, 7] = left, small
+        told = self.told[:, _INTEGERS]
+        told[:, :5] = integers[request, 3:]
+        told[:, 2] = told[:, 1] * (view % told[:, 2])  # of this view in depth
+        told[:, 5], told[:, 6] = start.ravel()[of] + done, left
+        told[:, 7] = np.maximum(n_small.ravel()[of] - done, 0)
+        half = integers[request, 3:5] / 2
+        floats = self.told[:, _FLOATS].view(np.float32)
+        floats[:, :2], floats[:, 2:4] = half / views.tan_half[view], half
+        floats[:, 4:9] = np.array([one.floats for one in requests])[request]
+        floats[:, 9] = np.array([one.selection.cull_backs for one in requests])[request, view]
 
         self.dispatches: list[list[list[tuple[int, int]]]] = [
             [[] for _ in range(n)] for _ in range(r)
@@ -161,31 +185,3 @@ def _of_views(views: Views, origin: Floats) -> NDArray[np.uint32]:
     floats[:, 18], floats[:, 19] = views.min_ray_cos, views.min_axis_cos
     floats[:, 20], floats[:, 21] = views.clip_near, views.clip_far
     return told
-
-
-def _floats(views: Views, requests: Sequence[Request]) -> Floats:
-    """Return what else is told in floats, (R, N, 10)."""
-    half = np.array([request.renderer.resolution for request in requests])[:, None] / 2
-    floats = np.zeros((len(requests), len(views), 10))
-    floats[..., :2] = half / views.tan_half
-    floats[..., 2:4] = half
-    floats[..., 4:8] = np.array([one.selection.surface.lattice for one in requests])[:, None]
-    floats[..., 8] = np.array([request.rules.tolerance for request in requests])[:, None]
-    floats[..., 9] = [request.selection.cull_backs for request in requests]
-    return floats
-
-
-def _integers(requests: Sequence[Request], n_views: int) -> NDArray[np.int64]:
-    """Return what is told of images, pixels a face and faces a cluster, (R, N, 5)."""
-    of_request = [
-        (
-            *one.renderer.resolution,
-            one.renderer.tiles,
-            max(one.rules.min_pixels, 1),
-            one.selection.surface.clusters.size.bit_length() - 1,
-        )
-        for one in requests
-    ]
-    integers = np.repeat(np.array(of_request)[:, None], n_views, axis=1)
-    integers[..., 2] = integers[..., 1] * (np.arange(n_views) % integers[..., 2])  # first row
-    return integers
