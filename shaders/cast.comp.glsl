@@ -184,7 +184,7 @@ bool accepts(float distance, vec3 ray, float height) {   // CropNear, maxD, Crop
 float nearest(ivec2 at) {
     float far = uintBitsToFloat(depth[(first_row + at.y) * size.x + at.x]);
 #ifdef DRAWN
-    float z = 2.0 * texelFetch(drawn, ivec2(at.x, first_row + at.y), 0).r - 1.0;
+    float z = 2.0 * texelFetch(drawn, at, 0).r - 1.0;
     if (z < 1.0) far = min(far, 2.0 * clip.y * clip.x / (clip.y + clip.x - z * (clip.y - clip.x)));
 #endif
     return far;

@@ -15,6 +15,7 @@ uniform float max_distance;
 
 #ifdef BEHIND_CAST             // needs #version 430
 uniform int image_width;        // pixels
+uniform int first_row;          // of this view in depth_cast
 layout(std430, binding = 1) readonly buffer Depth { uint depth_cast[]; };
 #endif
 
@@ -26,7 +27,7 @@ void main() {
     float distance_to_eye = depth * sqrt(1.0 + dot(tangent, tangent));
 #ifdef BEHIND_CAST
     ivec2 at = ivec2(gl_FragCoord.xy);
-    if (depth > uintBitsToFloat(depth_cast[at.y * image_width + at.x])) discard;
+    if (depth > uintBitsToFloat(depth_cast[(first_row + at.y) * image_width + at.x])) discard;
 #endif
     bool faces = height > 0.0 && height >= min_ray_cos * distance_to_eye;
 #ifndef REFUSED_HIDE

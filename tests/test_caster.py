@@ -1,5 +1,6 @@
 """Casting small faces changes no map: against drawing all of them, and against rays."""
 
+import re
 from contextlib import ExitStack
 
 import numpy as np
@@ -123,6 +124,22 @@ def test_a_face_around_the_eye_is_drawn_and_still_hides(monkeypatch):
         left = shapes.corners(wall).mean(axis=1)[:, 0] < -0.5
         right = shapes.corners(wall).mean(axis=1)[:, 0] > 0.0
         assert seen[right].sum() > 50 and seen[left].sum() < 0.2 * seen[right].sum()
+
+
+def test_the_shader_is_told_what_it_reads():
+    source = surface.shader_source("cast.comp.glsl")
+    block = re.search(r"uniform View \{(.*?)\};", source, re.DOTALL)[1]
+    members = re.findall(r"^\s*(\w+) ([\w, ]+);", block, re.MULTILINE)
+    names = [(kind, name) for kind, some in members for name in some.split(", ")]
+    words = {"mat4": 16, "vec4": 4, "vec2": 2, "ivec2": 2, "float": 1, "int": 1, "uint": 1}
+    told = glvis.sight.worklist.VIEW
+    assert [(name, 4 * words[kind]) for kind, name in names] == [
+        (name, told[name].itemsize) for name in told.names[:-1]
+    ]
+    # where std140 puts them: each at a multiple of its own size, of 16 bytes at most
+    for name in told.names[:-1]:
+        assert told.fields[name][1] % min(16, told[name].itemsize) == 0
+    assert told.itemsize == 256
 
 
 ROW = """    walk.at.x = int(clamp(ceil(left), float(t.from.x), float(t.to.x)));

@@ -91,7 +91,7 @@ def test_a_second_picture_holds_nothing_of_the_first():
 
 
 @pytest.mark.parametrize("tiles", [2, 3, 5])
-def test_many_views_in_one_framebuffer_are_the_same_pictures(tiles, rng):
+def test_many_views_at_once_are_the_same_pictures(tiles, rng):
     blob = shapes.blob(rng)
     d = rng.normal(size=(7, 3))
     poses = camera_to_world(
@@ -100,6 +100,13 @@ def test_many_views_in_one_framebuffer_are_the_same_pictures(tiles, rng):
     one = ids(blob, poses, (24, 16), tan=0.6)
     assert np.array_equal(ids(blob, poses, (24, 16), tan=0.6, tiles=tiles), one)
     assert (one > 0).any(axis=(1, 2)).all()
+
+
+def test_the_place_among_others_rounds_no_edge_another_way(rng):
+    blob = shapes.blob(rng, 4)
+    poses = random_poses(rng, 96)
+    one = ids(blob, poses, (160, 120), tan=0.6)
+    assert np.array_equal(ids(blob, poses[::-1], (160, 120), tan=0.6, tiles=16)[::-1], one)
 
 
 def test_a_plate_seen_from_behind_shows_no_id_and_hides_or_not_as_asked():

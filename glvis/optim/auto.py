@@ -10,10 +10,10 @@ Where mounts share variables a pose is good only beside what shares them, and a 
 climbed loses to one that has: there the study's start climbs for a while, layouts are sketched,
 and the better half of all climbs on.
 
-The constants were chosen on a kitchen with three Kinects and 12,000 maps, seeds 101 and 103: about
-a dozen variants, few of them on both seeds, so they stand on little. Seed 101 came to 67.4 % of
-the faces with 16 starts and as many maps for climbing as for rivals, 66.6 % where the guess learned
-from first views only, 68.8 % as it was then; the best that any longer search found is 68.8 %.
+The constants were chosen on a kitchen with three Kinects and 12,000 maps of 104 pixels a row, seeds
+101 and 103: about a dozen variants, few of them on both seeds, so they stand on little. Seed 101
+came to 67.4 % of the faces with 16 starts and as many maps for climbing as for rivals, 66.6 % where
+the guess learned from first views only, 68.8 % by what was chosen and by the longest search.
 Climbing by guessed steps took 150 maps to where refinement by itself came after 600 to 1,200.
 From the second best hill known, 2 of 24 challenges led to the best with 32 rivals of which half
 were sketched, 5 of 24 with all of them sketched, 5 with 64, for fewer maps. With 16 steps a sketch
@@ -48,9 +48,9 @@ METHOD = "sketch"
 _GREEDY, _SKETCHED, _ROUNDS, _RIVALS = 0.1, 0.16, 0.6, 0.88
 _CLIMBED = 0.3  # of a round; the rest goes to rivals
 _STARTS = 8
-# The same where mounts share variables, with neither greedy choices nor rivals. The study's start
-# climbs so many times through all blocks before it is held against sketches; as many of all as can
-# climb as often in the first round.
+# Where mounts share variables, with neither greedy choices nor rivals: what sketches take, and at
+# what share rounds end. The study's start climbs so many times through all blocks before it is held
+# against sketches; as many of all as can climb as often in the first round.
 _SKETCHED_COUPLED, _ROUNDS_COUPLED, _CLIMBS, _MOST_ROUNDS = 0.1, 0.85, 5, 6
 # Layouts sketched at a time, how often each is rendered, and rounds before each time: where mounts
 # are independent, and not. After every second time the poorer half is begun anew.

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from glvis.errors import StudyError
 from glvis.optim.box import Box
-from glvis.optim.swarm_options import SwarmOptions
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -124,8 +123,6 @@ class Problem:
         good for ranks only, and costs no map. Without one, all are equal.
     learner : Learner, optional
         What the maps are shown to, so that guesses get better.
-    swarm : SwarmOptions
-        Of the study.
     maps_rendered : int
         Spent so far; kept up by `ScriptSearch`.
     """
@@ -140,7 +137,6 @@ class Problem:
     rng: np.random.Generator
     guess: Callable[[Floats, Sequence[int] | None], Floats] = lambda x, sensors: np.zeros(len(x))
     learner: Learner | None = None
-    swarm: SwarmOptions = field(default_factory=SwarmOptions)
     maps_rendered: int = field(default=0)
 
     @property

@@ -181,7 +181,6 @@ def new_search(study: Study, most_poses: int) -> Search:
         rng=np.random.default_rng(study.swarm.seed),
         guess=guess,
         learner=guess if method == "auto" else None,
-        swarm=study.swarm,
     )
     return ScriptSearch(METHODS[method], problem)
 

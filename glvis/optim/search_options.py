@@ -19,8 +19,9 @@ class SearchOptions:
     method : str
         "swarm": the paper's, with the options of its own table. "greedy": random poses of one
         mount at a time. "refine": from the start, one block of variables at a time. "auto":
-        greedy starts, the best of them refined, then challenged by rivals. "cma" (pycma, an
-        extra) and "de" (SciPy's differential evolution) are there for comparison.
+        greedy choices and sketches by a guess, the best of them climbed from and challenged by
+        rivals; climbed from alone where mounts share variables. "cma" (pycma, an extra) and "de"
+        (SciPy's differential evolution) are there for comparison.
     max_maps : int, optional
         Stop before more maps are rendered; without it "swarm" has its iterations, and the
         others 4,000 maps a sensor and model.

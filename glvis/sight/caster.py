@@ -24,7 +24,7 @@ from glvis.sight.context import gl_context
 from glvis.sight.renderer import Renderer, Selection, faces_in_images
 from glvis.sight.surface import compiled_compute
 from glvis.sight.views import NEAREST, Views
-from glvis.sight.worklist import TOLD_BYTES, Request, Rules, WorkList
+from glvis.sight.worklist import VIEW, OfViews, Request, Rules, WorkList
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -36,8 +36,6 @@ _VERSION = 430  # compute shaders and storage buffers
 _SMALL, _SMALL_AMONG_LARGE, _LARGE = 64.0, 8.0, 16.0
 _CLUSTERS, _DEPTH, _SEEN = range(3)  # storage buffers of the shader
 _FACES, _DRAWN = range(2)  # its textures
-
-_OfViews = Sequence[Sequence[tuple[int, int]]]  # by view: dispatches, as a WorkList has them
 
 
 def has_compute() -> bool:
@@ -116,14 +114,13 @@ class Caster:
         if not len(views) or not looks:
             return visible
         plans = self._plans(views, looks)
-        work = WorkList(views, [request for plan in plans for request in plan.requests], origin)
+        work = WorkList(views, [one for plan in plans for one in plan.requests], origin)
         self._hold("told", work.told)
         self._hold("clusters", work.clusters).bind_to_storage_buffer(_CLUSTERS)
         seen = self._hold("seen", np.zeros_like(work.clusters))
         seen.bind_to_storage_buffer(_SEEN)
-        dispatches = iter(work.dispatches)
         for plan, faces in zip(plans, visible, strict=True):
-            self._look(plan, [next(dispatches) for _ in plan.requests], views, origin, faces)
+            self._look(plan, work, views, origin, faces)
         if work.clusters.size:
             _mark(visible, plans, work, np.frombuffer(seen.read(work.clusters.nbytes), dtype="<u4"))
         return visible
@@ -147,12 +144,12 @@ class Caster:
                 to_judge.append(look.candidates & ~small_targets)
             by_face = look.rules.min_pixels > 0
             with_what = (look.renderer, look.rules)
-            requests = [Request(one, [cast[:, part]], *with_what, True) for one, part in pairs]
-            requests.append(Request(look.targets, to_judge, *with_what, by_face))
+            casting = [Request(one, [cast[:, part]], *with_what, True) for one, part in pairs]
+            judging = Request(look.targets, to_judge, *with_what, by_face)
             to_draw = []
             if not all_small and any(drawn[:, part].any() for part in mine):
                 to_draw = [replace(one, mask=drawn[:, part]) for one, part in pairs]
-            plans.append(_Plan(look, requests, to_draw))
+            plans.append(_Plan(look, casting, judging, to_draw))
         return plans
 
     def _joined_of(self, clusters: list[Clusters]) -> Joined:
@@ -162,15 +159,9 @@ class Caster:
         return self._joined
 
     def _look(
-        self,
-        plan: _Plan,
-        dispatches: Sequence[_OfViews],
-        views: Views,
-        origin: Floats,
-        visible: Bools,
+        self, plan: _Plan, work: WorkList, views: Views, origin: Floats, visible: Bools
     ) -> None:
         """Run both passes of a look; mark the faces (N, F) that were drawn and show."""
-        *casting, judging = zip(plan.requests, dispatches, strict=True)
         look, renderer = plan.look, plan.look.renderer
         cast = compiled_compute("cast")
         is_drawn = len(plan.to_draw) > 0
@@ -189,16 +180,18 @@ class Caster:
         for first in range(0, len(views), renderer.tiles):
             some = slice(first, min(first + renderer.tiles, len(views)))
             self._clear_depth(renderer)
-            for request, of_views in casting:
-                self._run(cast, request, of_views[some])
+            for request in plan.casting:
+                self._run(cast, request, work.dispatches[request][some])
             gl_context().memory_barrier()
             if is_drawn:
                 next(drawing)
-                renderer.use_depths(_DRAWN)
-            self._run(judge, judging[0], judging[1][some])
+            for tile, of_view in enumerate(work.dispatches[plan.judging][some]):
+                if is_drawn:
+                    renderer.use_depths(tile, _DRAWN)
+                self._run(judge, plan.judging, [of_view])
             gl_context().memory_barrier()
             if plan.with_ids:
-                images = renderer.read_ids(some.stop - first)
+                images = renderer.read_windows()
                 visible[some] = faces_in_images(images, visible.shape[1], look.rules.min_pixels)
 
     def _hold(self, name: str, values: NDArray[Any]) -> Any:
@@ -216,13 +209,13 @@ class Caster:
         gl_context().copy_buffer(depth.buffer, nothing.buffer, size)
         depth.buffer.bind_to_storage_buffer(_DEPTH)
 
-    def _run(self, program: Any, request: Request, of_views: _OfViews) -> None:
+    def _run(self, program: Any, request: Request, of_views: OfViews) -> None:
         """Do what some views have to do with a surface."""
         request.selection.surface.use_packed(_FACES)
         told = self._stores["told"].buffer
         for of_view in of_views:
             for row, groups in of_view:
-                told.bind_to_uniform_block(0, offset=TOLD_BYTES * row, size=TOLD_BYTES)
+                told.bind_to_uniform_block(0, offset=VIEW.itemsize * row, size=VIEW.itemsize)
                 program.run(groups)
 
 
@@ -234,15 +227,23 @@ class _Plan:
     ----------
     look : Look
         Itself.
-    requests : sequence of Request
-        To cast the small faces of each of its selections; last, to judge the candidates.
+    casting : sequence of Request
+        Small faces of each of its selections.
+    judging : Request
+        Candidates.
     to_draw : sequence of Selection
         Large faces of each, or nothing where none are large.
     """
 
     look: Look
-    requests: Sequence[Request]
+    casting: Sequence[Request]
+    judging: Request
     to_draw: Sequence[Selection]
+
+    @property
+    def requests(self) -> Sequence[Request]:
+        """All of them."""
+        return [*self.casting, self.judging]
 
     @cached_property
     def with_ids(self) -> bool:
@@ -258,11 +259,9 @@ def _mark(
     some = np.flatnonzero(words)
     octets = words[some].view(np.uint8).reshape(-1, 4)
     cluster, view = work.clusters[some], work.view[some]
-    ends = np.searchsorted(some, work.begin).tolist()
-    last = 0  # request of each plan, which judges
     for faces, plan in zip(visible, plans, strict=True):
-        last += len(plan.requests)
-        mine = slice(ends[last - 1], ends[last])
+        judged = work.lists[plan.judging]
+        mine = slice(*np.searchsorted(some, (judged.start, judged.stop)))
         clusters = plan.look.clusters
         bits = np.unpackbits(octets[mine], axis=1, count=clusters.size, bitorder="little")
         place = clusters.order.reshape(-1, clusters.size)[cluster[mine]]

@@ -1,14 +1,15 @@
 """Draws surfaces into ID and depth buffers. Poses in; pixels a face, ID and depth images out.
 
 On a software rasteriser one small framebuffer, used over and over, stays in the cache. On
-hardware many views share one tall framebuffer and one read-back; how many is ``tiles``. Images
+hardware many views are drawn before any is read back; how many is ``tiles``. Each has a framebuffer
+of its own, for where a view lies in a larger one would decide how its edges are rounded. Images
 are turned once, here: row 0 is the top row for everybody else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import moderngl
@@ -23,6 +24,7 @@ from glvis.sight.views import Views
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Window = tuple[int, ...]  # left, bottom, width, height, pixels
 
 _HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
 # The viewport is this odd number of times as wide and high as the image, which lies in its
@@ -52,9 +54,6 @@ class Selection:
     cull_backs: Bools
     by_face: bool = False
 
-    def __getitem__(self, some: slice) -> Selection:
-        return replace(self, mask=self.mask[some], cull_backs=self.cull_backs[some])
-
     def draw(self, program: Any, view: int) -> None:
         """Draw what one of the views has chosen."""
         context = gl_context()
@@ -73,7 +72,7 @@ class Renderer(Held):
     resolution : tuple of int
         Pixels (width, height) of every view.
     tiles : int, optional
-        Views that share a framebuffer and a read-back. One by default on a software
+        Views that are drawn before they are read back. One by default on a software
         rasteriser, whose small framebuffer then stays in the cache; as many as are read back
         well at once on hardware.
     """
@@ -92,28 +91,19 @@ class Renderer(Held):
             most = context.info.get("GL_MAX_SHADER_STORAGE_BLOCK_SIZE") or _HARDWARE_BATCH_BYTES
             fitting = max(1, min(most, _HARDWARE_BATCH_BYTES) // (4 * width * height))
             tiles = 1 if gl_info().is_software else fitting
-        self.tiles = min(tiles, limit // height)
+        self.tiles = tiles
         fits = _GUARD * max(resolution) <= min(context.info["GL_MAX_VIEWPORT_DIMS"])
         self._guard = _GUARD if fits else 1
-        size = (width, height * self.tiles)
-        self._id_texture = context.texture(size, 1, dtype="u4", alignment=4)
-        self._depth_texture = context.depth_texture(size, alignment=4)
-        self._framebuffer = context.framebuffer([self._id_texture], self._depth_texture)
-        self._depth_only = context.framebuffer([], self._depth_texture)
-        self._window = (0, 0, *size)
-        self._ids = np.zeros((self.tiles, height, width), dtype=np.uint32)
-        self._depths = np.zeros((self.tiles, height, width), dtype=np.float32)
+        self._targets = [_Target.of(resolution) for _ in range(tiles)]
+        self._windows: list[Window] = []  # of what was drawn last
+        self._ids = np.zeros((tiles, height, width), dtype=np.uint32)
+        self._depths = np.zeros((tiles, height, width), dtype=np.float32)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
         unbind_framebuffer()
-        for part in (
-            self._framebuffer,
-            self._depth_only,
-            self._id_texture,
-            self._depth_texture,
-        ):
-            part.release()
+        for target in self._targets:
+            target.release()
 
     def id_images(
         self,
@@ -156,26 +146,35 @@ class Renderer(Held):
             yield first, self.read_depths(n)
 
     def read_ids(self, n: int) -> NDArray[np.uint32]:
-        """Return the ID images of the batch drawn last, (n, H, W), or what its window shows."""
-        x, y, width, height = self._window
-        ids = self._ids.reshape(-1)[: width * height].reshape(-1, height // self.tiles, width)
-        self._framebuffer.read_into(
-            ids, viewport=(x, y, width, height), components=1, dtype="u4", alignment=4
-        )
-        return ids[:n, ::-1]
+        """Return the ID images of the batch drawn last, (n, H, W)."""
+        for target, ids in zip(self._targets[:n], self._ids, strict=False):
+            target.with_ids.read_into(ids, components=1, dtype="u4", alignment=4)
+        return self._ids[:n, ::-1]
+
+    def read_windows(self) -> list[NDArray[np.uint32]]:
+        """Return what was wanted of each ID image of the batch drawn last, (height, width)."""
+        parts = []
+        for target, ids, window in zip(self._targets, self._ids, self._windows, strict=False):
+            _, _, width, height = window
+            part = ids.reshape(-1)[: width * height].reshape(height, width)
+            target.with_ids.read_into(part, viewport=window, components=1, dtype="u4", alignment=4)
+            parts.append(part[::-1])
+        return parts
 
     def read_depths(self, n: int) -> NDArray[np.float32]:
         """Return the depth buffers of the batch drawn last, (n, H, W)."""
-        self._depth_only.read_into(
-            self._depths, attachment=-1, components=1, dtype="f4", alignment=4
-        )
+        for target, depths in zip(self._targets[:n], self._depths, strict=False):
+            target.depth_only.read_into(
+                depths, attachment=-1, components=1, dtype="f4", alignment=4
+            )
         return self._depths[:n, ::-1]
 
-    def use_depths(self, unit: int) -> None:
-        """Bind the depth buffers of the batch drawn last as a texture; its rows count upwards."""
-        self._depth_texture.compare_func = ""
-        self._depth_texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._depth_texture.use(unit)
+    def use_depths(self, tile: int, unit: int) -> None:
+        """Bind a depth buffer of the batch drawn last as a texture; its rows count upwards."""
+        depths = self._targets[tile].depths
+        depths.compare_func = ""
+        depths.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        depths.use(unit)
 
     def batches(
         self,
@@ -200,48 +199,73 @@ class Renderer(Held):
             Whether what a Caster has cast hides IDs.
         windows : (N, 4) int, optional
             Left, bottom, width and height of what is wanted of each image; the rest is left as
-            it was. Heeded where a framebuffer holds one view.
+            it was.
         """
         context = gl_context()
         defines = ["REFUSED_HIDE"] * refused_hide + ["BEHIND_CAST"] * behind_cast
         program = compiled("id_buffer", *defines) if with_ids else compiled("depth")
-        framebuffer = self._framebuffer if with_ids else self._depth_only
         width, height = self.resolution
         side = self._guard // 2
+        # wider than the image: see _GUARD
+        viewport = (-side * width, -side * height, self._guard * width, self._guard * height)
         uniforms = _uniforms(views, self.resolution, self.tiles, self._guard, origin, program)
+        wanted = [(0, 0, width, height)] * len(views) if windows is None else windows.tolist()
         for first in range(0, len(views), self.tiles):
-            # The full state, so that no draw depends on the one before.
-            context.enable_only(moderngl.DEPTH_TEST)
-            context.depth_func = "<"
-            context.front_face, context.cull_face = "ccw", "back"
-            framebuffer.use()
-            self._window = (0, 0, width, height * self.tiles)
-            if windows is not None and self.tiles == 1:
-                x, y, wide, high = windows[first].tolist()
-                self._window = (x, y, wide, high)
-            framebuffer.scissor = self._window
-            framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
-            n = min(self.tiles, len(views) - first)
-            for tile in range(n):
-                view = first + tile
-                # wider than the tile: see _GUARD
-                framebuffer.viewport = (
-                    -side * width,
-                    (tile - side) * height,
-                    self._guard * width,
-                    self._guard * height,
-                )
-                if self.tiles > 1:
-                    framebuffer.scissor = (0, tile * height, width, height)
+            self._windows = [tuple(window) for window in wanted[first : first + self.tiles]]
+            for view, window in enumerate(self._windows, start=first):
+                target = self._targets[view - first]
+                framebuffer = target.with_ids if with_ids else target.depth_only
+                # The full state, so that no draw depends on the one before.
+                context.enable_only(moderngl.DEPTH_TEST)
+                context.depth_func = "<"
+                context.front_face, context.cull_face = "ccw", "back"
+                framebuffer.use()
+                framebuffer.scissor = window
+                framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+                framebuffer.viewport = viewport
                 for name, rows in uniforms.items():
                     write(program, name, rows[view])
                 for selection in selections:
                     selection.draw(program, view)
-            yield first, n
+            yield first, len(self._windows)
 
 
-def faces_in_images(images: NDArray[np.uint32], n_faces: int, min_pixels: int = 1) -> Bools:
-    """Return which faces show in at least ``min_pixels`` pixels of ID images, (n, F) bool."""
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What one view is drawn into.
+
+    Attributes
+    ----------
+    ids, depths : Any
+        Textures.
+    with_ids, depth_only : Any
+        Framebuffers of both, and of depths alone.
+    """
+
+    ids: Any
+    depths: Any
+    with_ids: Any
+    depth_only: Any
+
+    @classmethod
+    def of(cls, resolution: tuple[int, int]) -> _Target:
+        """Return one of so many pixels (width, height)."""
+        context = gl_context()
+        ids = context.texture(resolution, 1, dtype="u4", alignment=4)
+        depths = context.depth_texture(resolution, alignment=4)
+        both = context.framebuffer([ids], depths), context.framebuffer([], depths)
+        return cls(ids, depths, *both)
+
+    def release(self) -> None:
+        """Give the GPU's memory back."""
+        for part in (self.with_ids, self.depth_only, self.ids, self.depths):
+            part.release()
+
+
+def faces_in_images(
+    images: Sequence[NDArray[np.uint32]] | NDArray[np.uint32], n_faces: int, min_pixels: int = 1
+) -> Bools:
+    """Return which faces show in at least ``min_pixels`` pixels of n ID images, (n, F) bool."""
     seen = np.zeros((len(images), n_faces + 1), dtype=bool)
     for flags, image in zip(seen, images, strict=True):
         ids = image[::-1].ravel()  # as the GPU left it: no copy
@@ -281,14 +305,11 @@ def _uniforms(
     pose[:, :3, 3] -= origin
     projection = projection_matrix(guard * views.tan_half, views.clip_near, views.clip_far)
     scale = 2 * views.tan_half / np.asarray(resolution)
-    offset = -views.tan_half
-    # gl_FragCoord counts from the bottom of the framebuffer, not of the tile
-    offset[:, 1] -= scale[:, 1] * resolution[1] * (np.arange(len(views)) % tiles)
     uniforms = {
         "world_to_clip": np.swapaxes(projection @ rigid_inverse(pose), 1, 2),  # columns first
         "eye": pose[:, :3, 3],
         "backwards": pose[:, :3, 2],
-        "pixel_to_tangent": np.concatenate([scale, offset], axis=1),
+        "pixel_to_tangent": np.concatenate([scale, -views.tan_half], axis=1),
         "min_distance": views.min_distance,
         "max_distance": views.max_distance,
         "min_ray_cos": views.min_ray_cos,
@@ -299,4 +320,6 @@ def _uniforms(
         for name, rows in uniforms.items()
         if name in program
     }
-    return uniforms | {"image_width": np.full(len(views), resolution[0], dtype=np.int32)}
+    first_row = resolution[1] * (np.arange(len(views)) % tiles)
+    integers = {"image_width": np.full(len(views), resolution[0]), "first_row": first_row}
+    return uniforms | {name: rows.astype(np.int32) for name, rows in integers.items()}

@@ -50,6 +50,8 @@ class VisibilityOptions:
             if getattr(self, name) not in allowed:
                 choice = " or ".join(f"'{word}'" for word in allowed)
                 raise ValueError(f"{name} = '{getattr(self, name)}' must be {choice}")
+        if not isinstance(self.resolution, str):
+            object.__setattr__(self, "resolution", tuple(self.resolution))
         if self.min_pixels < 1:
             raise ValueError(f"min_pixels = {self.min_pixels} must be at least 1")
         if isinstance(self.resolution, str):
@@ -129,17 +131,18 @@ class VisibilityMap:
 # criterion then misses less than 0.1 % of the faces that are at least half visible.
 _PIXELS_A_SIDE = {"pixels": 1.5, "centroid": 1.2}
 # Pixels along the longer side, at least: in a room, a coarse image leaves out faces of which little
-# shows beside larger ones. By tools/bench --only kitchen "pixels" misses 3.1 % of all of which
-# anything shows with 104 pixels, 2.3 with 128, 0.9 with 256 and 0.2 with 512, at 4.4 times the
-# time of 104; "centroid" has an IoU of 0.982, 0.991, 0.995 and 0.998 with rays to the centres.
+# shows beside larger ones. By tools/bench --only kitchen, run with other values here, "pixels"
+# misses 3.1 % of all of which anything shows with 104 pixels, 2.3 with 128, 0.9 with 256 and 0.2
+# with 512, at 4.4 times the time of 104; "centroid" has an IoU of 0.982, 0.991, 0.995 and 0.998
+# with rays to the centres.
 _SMALLEST = 256
 
 
 def render_resolution(options: VisibilityOptions, sensor: Sensor, model: Model) -> tuple[int, int]:
     """Return the pixels (width, height) that a sensor's view of a model is rendered at.
 
-    "auto" is the smallest image of the sensor's shape in which a side of a typical face spans
-    enough pixels at the far end of the working range, never more than the sensor has.
+    "auto" is an image of 256 pixels along its longer side, of more where a side of a typical face
+    would span too few at the far end of the working range, and never of more than the sensor has.
     """
     if not isinstance(options.resolution, str):
         return options.resolution

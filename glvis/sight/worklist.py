@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +19,36 @@ from glvis.sight.views import Views
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+OfViews = list[list[tuple[int, int]]]
 
-# What the shader is told of a view and its work, View in cast.comp.glsl, in words: of the view
-# alone, then floats, then integers. A uniform block may begin at any multiple of 64 of them.
-_WORDS = 64
-TOLD_BYTES = 4 * _WORDS
-_OF_VIEW, _FLOATS, _INTEGERS = slice(0, 24), slice(24, 34), slice(34, 42)
+# What the shader is told at a dispatch: the block View of cast.comp.glsl, name by name, filled up,
+# for a uniform block may begin at any multiple of 256 bytes.
+VIEW = np.dtype(
+    [
+        ("world_to_camera", "f4", 16),
+        ("working_range", "f4", 2),
+        ("min_cos", "f4", 2),
+        ("clip", "f4", 2),
+        ("unused", "f4", 2),
+        ("tangent_to_pixel", "f4", 4),
+        ("lattice", "f4", 4),
+        ("tolerance", "f4"),
+        ("cull_backs", "f4"),
+        ("size", "i4", 2),
+        ("first_row", "i4"),
+        ("min_pixels", "i4"),
+        ("size_log2", "u4"),
+        ("first_cluster", "u4"),
+        ("n_clusters", "u4"),
+        ("n_small", "u4"),
+        ("filler", "u4", 22),
+    ]
+)
+# What does not depend on the view: of the work, then as above.
+_REQUEST = np.dtype(
+    [("masks", "i8"), ("clusters", "i8"), ("invocations", "i8"), ("tiles", "i8")]
+    + [(name, VIEW[name]) for name in ("size", "min_pixels", "size_log2", "lattice", "tolerance")]
+)
 # Invocations a work group, as the shader says, and the groups that every OpenGL takes at once.
 _GROUP, _MOST_GROUPS = 64, 65535
 
@@ -74,27 +100,16 @@ class Request:
     by_face: bool
 
     @property
-    def integers(self) -> tuple[int, ...]:
-        """Masks, clusters, invocations a cluster, and what the shader is told of any view.
-
-        That is width and height, then the views that share a buffer, in whose place the shader
-        has the first row of one, the least pixels of a face, and the size of clusters.
-        """
-        size = self.selection.surface.clusters.size
+    def numbers(self) -> tuple[Any, ...]:
+        """What there is to do, whatever the view: masks, clusters, invocations a cluster, ..."""
+        surface, rules = self.selection.surface, self.rules
+        faces = surface.clusters.size
         return (
-            len(self.masks),
-            self.masks[0].shape[1],
-            size if self.by_face else 1,
-            *self.renderer.resolution,
-            self.renderer.tiles,
-            max(self.rules.min_pixels, 1),
-            size.bit_length() - 1,
+            *(len(self.masks), self.masks[0].shape[1]),
+            faces if self.by_face else 1,
+            *(self.renderer.tiles, self.renderer.resolution, max(rules.min_pixels, 1)),
+            *(faces.bit_length() - 1, tuple(surface.lattice), rules.tolerance),
         )
-
-    @property
-    def floats(self) -> tuple[float, ...]:
-        """What the shader is told of any view in floats."""
-        return (*self.selection.surface.lattice.tolist(), self.rules.tolerance)
 
 
 class WorkList:
@@ -115,20 +130,20 @@ class WorkList:
         All lists, one after the other: by request, then by view.
     view : (L,) int
         For which view each is listed.
-    begin : (R + 1,) int
-        Where the lists of each request begin; the last is where all end.
-    told : (D, words) uint32
-        What the shader is told at each dispatch, TOLD_BYTES a row.
-    dispatches : list of list of list of tuple
-        By request and view: the row in what is told, and the work groups, of each dispatch.
+    lists : mapping
+        Where those of each request are.
+    told : (D,) VIEW
+        What the shader is told at each dispatch.
+    dispatches : mapping
+        Of each request, by view: the place in what is told, and the work groups, of each dispatch.
     """
 
     def __init__(self, views: Views, requests: Sequence[Request], origin: Floats) -> None:
         n, r = len(views), len(requests)
-        integers = np.array([request.integers for request in requests])
-        parts, n_clusters, each = integers[:, :3].T
+        numbers = np.array([request.numbers for request in requests], dtype=_REQUEST)
+        parts = numbers["masks"]
         # each mask of a request, view by view, is a part of one long row of places
-        begin = np.concatenate([[0], np.cumsum(np.repeat(n_clusters, n * parts))])
+        begin = np.concatenate([[0], np.cumsum(np.repeat(numbers["clusters"], n * parts))])
         listed = np.flatnonzero(np.concatenate([_side_by_side(one.masks) for one in requests]))
         ends = np.searchsorted(listed, begin)
         self.clusters = (listed - np.repeat(begin[:-1], np.diff(ends))).astype(np.uint32)
@@ -137,35 +152,35 @@ class WorkList:
         start = ends[first]
         n_small, n_listed = ends[first + 1] - start, ends[first + parts[:, None]] - start
         self.view = np.repeat(np.tile(np.arange(n), r), n_listed.ravel())
-        self.begin = np.append(start[:, 0], len(listed))
+        borders = pairwise([*start[:, 0].tolist(), len(listed)])
+        self.lists = {one: slice(*border) for one, border in zip(requests, borders, strict=True)}
 
         # a dispatch has so many work groups at most
+        each = numbers["invocations"]
         most = _MOST_GROUPS * _GROUP // each
         needed = -(-n_listed // most[:, None]).ravel()
         of = np.repeat(np.arange(r * n), needed)
         request, view = np.divmod(of, n)
         done = (np.arange(len(of)) - (np.cumsum(needed) - needed)[of]) * most[request]
         left = np.minimum(n_listed.ravel()[of] - done, most[request])
+
+        told = self.told = _of_views(views, origin)[view]
+        numbers = numbers[request]
+        for name in ("size", "min_pixels", "size_log2", "lattice", "tolerance"):
+            told[name] = numbers[name]
+        half = numbers["size"] / 2
+        told["tangent_to_pixel"][:, :2] = half / views.tan_half[view]
+        told["tangent_to_pixel"][:, 2:] = half
+        told["cull_backs"] = np.array([one.selection.cull_backs for one in requests])[request, view]
+        told["first_row"] = numbers["size"][:, 1] * (view % numbers["tiles"])
+        told["first_cluster"], told["n_clusters"] = start.ravel()[of] + done, left
+        told["n_small"] = np.maximum(n_small.ravel()[of] - done, 0)
+
+        self.dispatches: dict[Request, OfViews] = {one: [[] for _ in range(n)] for one in requests}
         groups = -(-left * each[request] // _GROUP)
-
-        self.told = _of_views(views, origin)[view]
-        told = self.told[:, _INTEGERS]
-        told[:, :5] = integers[request, 3:]
-        told[:, 2] = told[:, 1] * (view % told[:, 2])  # of this view in depth
-        told[:, 5], told[:, 6] = start.ravel()[of] + done, left
-        told[:, 7] = np.maximum(n_small.ravel()[of] - done, 0)
-        half = integers[request, 3:5] / 2
-        floats = self.told[:, _FLOATS].view(np.float32)
-        floats[:, :2], floats[:, 2:4] = half / views.tan_half[view], half
-        floats[:, 4:9] = np.array([one.floats for one in requests])[request]
-        floats[:, 9] = np.array([one.selection.cull_backs for one in requests])[request, view]
-
-        self.dispatches: list[list[list[tuple[int, int]]]] = [
-            [[] for _ in range(n)] for _ in range(r)
-        ]
-        numbers = zip(request.tolist(), view.tolist(), groups.tolist(), strict=True)
-        for row, (of_request, of_view, n_groups) in enumerate(numbers):
-            self.dispatches[of_request][of_view].append((row, n_groups))
+        rows = zip(request.tolist(), view.tolist(), groups.tolist(), strict=True)
+        for row, (k, v, n_groups) in enumerate(rows):
+            self.dispatches[requests[k]][v].append((row, n_groups))
 
 
 def _side_by_side(masks: Sequence[Bools]) -> Bools:
@@ -173,15 +188,17 @@ def _side_by_side(masks: Sequence[Bools]) -> Bools:
     return (np.concatenate(masks, axis=1) if len(masks) > 1 else masks[0]).ravel()
 
 
-def _of_views(views: Views, origin: Floats) -> NDArray[np.uint32]:
-    """Return what is told of each view alone, the rest 0, (N, words)."""
+def _of_views(views: Views, origin: Floats) -> NDArray[np.void]:
+    """Return what is told of each view alone, the rest 0, (N,) VIEW."""
     to_camera = views.world_to_camera.copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
     to_camera[:, 2] *= -1  # depth instead of z
-    told = np.zeros((len(views), _WORDS), dtype=np.uint32)
-    floats = told[:, _OF_VIEW].view(np.float32)
-    floats[:, :16] = np.swapaxes(to_camera, 1, 2).reshape(-1, 16)  # by column
-    floats[:, 16], floats[:, 17] = views.min_distance, views.max_distance
-    floats[:, 18], floats[:, 19] = views.min_ray_cos, views.min_axis_cos
-    floats[:, 20], floats[:, 21] = views.clip_near, views.clip_far
+    told = np.zeros(len(views), dtype=VIEW)
+    told["world_to_camera"] = np.swapaxes(to_camera, 1, 2).reshape(-1, 16)  # by column
+    for name, first, second in (
+        ("working_range", views.min_distance, views.max_distance),
+        ("min_cos", views.min_ray_cos, views.min_axis_cos),
+        ("clip", views.clip_near, views.clip_far),
+    ):
+        told[name][:, 0], told[name][:, 1] = first, second
     return told
