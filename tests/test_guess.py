@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shapes import icosphere, write_off
 from small_study import SMALL, write_small_study
 
 from glvis.inputs.study import load_study
@@ -30,6 +31,19 @@ def test_guess_is_the_value_where_nothing_hides_anything(tmp_path, rng, kind):
         assert np.allclose(guess(x, None), evaluator(x), atol=1e-12)
         of_one = [float(values[0]) for values in evaluator.each(x, (1,))]
         assert np.allclose(guess(x, (1,)), of_one, atol=1e-12)
+
+
+@pytest.mark.parametrize("by_area", ["false", "true"])
+def test_guess_of_counts_knows_how_many_faces_it_does_not_look_at(tmp_path, rng, by_area):
+    two_sizes = CONVEX.replace('"tiny.off"', '"tiny.off", "fine.off"')
+    path = write_small_study(tmp_path, rng, two_sizes)
+    write_off(tmp_path / "fine.off", icosphere(4))
+    study = load_study(path, ["objective.normalize=false", f"objective.by_area={by_area}"])
+    x = positions(study, 100, rng)
+    with Evaluator(study) as evaluator:
+        values, guesses = evaluator(x), Guess(study)(x, None)
+    assert 0.9 < guesses.mean() / values.mean() < 1.1
+    assert np.corrcoef(guesses, values)[0, 1] > 0.9
 
 
 def test_guess_looks_at_some_faces_only_and_ranks_as_maps_do(tmp_path, rng, monkeypatch):

@@ -116,13 +116,16 @@ def test_rows_of_positions_are_poses_of_each_alone():
         mount("A", Ring("z", Free(200, 400), text("-a"), text("h")), Aim(ORIGIN), Free(-90, 90)),
         mount("B", (Free(0, 9), 1.0, text("h/2")), Angles(text("a"), Free(-80, 80)), mirror=YZ),
         mount("D", (5.0, 6.0, 7.0), Vector((Free(-1, -0.1), 1.0, 0.0)), text("2*A.roll_deg")),
+        mount("E", (text("0.3*a + 0.1*h + 0.7*A.roll_deg"), 1.0, 2.0), Aim((0.1, 0.2, 0.3))),
     ]
     rig = build_rig({"a": Free(5, 85), "h": Free(60, 240)}, mounts, (0, 1, 0))
     low, high = rig.bounds.T
-    x = low + (high - low) * np.random.default_rng(3).random((50, len(low)))
+    x = low + (high - low) * np.random.default_rng(3).random((500, len(low)))
     together = rig.poses(x)
-    assert together.shape == (50, 4, 4, 4)
-    np.testing.assert_allclose(together, [rig.poses(row) for row in x], atol=1e-12)
+    assert together.shape == (500, 5, 4, 4)
+    # to the last bit: maps are kept by the bits of their pose
+    assert np.array_equal(together, [rig.poses(row) for row in x])
+    assert np.array_equal(together[::-1][:7], rig.poses(x[::-1][:7]))
     a, h, radius, roll, bx, elevation, dx = x[17]
     turn = np.radians(-a)
     place = np.array([radius * np.cos(turn), radius * np.sin(turn), h])

@@ -60,6 +60,9 @@ def test_values_do_not_depend_on_workers_or_on_how_positions_are_put_together(st
         assert evaluator.gl == alone.gl
         assert evaluator.maps_rendered == alone.maps_rendered == 2 * 2 * len(positions)
     assert np.array_equal(values, expected)
+    with Evaluator(study) as interrupted:
+        next(interrupted.each(positions))
+        assert interrupted.maps_rendered == 2 * 2  # what nobody has waited for is not counted
     for size in (1, 3, 16):
         with Evaluator(study) as evaluator:
             parts = [

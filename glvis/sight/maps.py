@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 # Poses that are culled together: on a CPU few, so that their masks stay in its cache. Hardware
 # wants many; what is listed of clusters, 4 bytes each, must fit into a storage buffer, of which
-# OpenGL 4.3 grants 16 MiB at least: half of it, as coarser occluders may have more clusters.
-_AT_ONCE_ON_CPU, _MOST_LISTED = 16, 1 << 21
+# OpenGL 4.3 grants 16 MiB at least: a quarter of it, as coarser occluders may have thrice as many.
+_AT_ONCE_ON_CPU, _MOST_LISTED = 16, 1 << 20
 
 Bits = NDArray[np.uint8]  # (N, sum of ceil(F / 8) over models), as numpy.packbits has them
 
