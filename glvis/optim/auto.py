@@ -140,8 +140,9 @@ def _recombined(problem: Problem, run: Run, found: list[Floats]) -> Script:
         known = np.unique([layout[columns] for layout in found for columns in alike], axis=0)
         layouts = np.repeat(x[None], len(known), axis=0)
         layouts[:, mount.columns] = places[mount.kind] = known
-        # counted as if none of the maps were kept any more
-        if len(known) * len(mount.sensors) * problem.models > problem.left():
+        # counted as if none of the maps were kept any more; from here on they must be
+        poses = len(known) * len(mount.sensors)
+        if poses > min(problem.left() // problem.models, problem.most_poses // 2):
             return run
         yield problem.ask(layouts, mount.sensors, "recombine", mount.sensors)
     other_value, other = yield from exchanged(problem, mounts, places, x)

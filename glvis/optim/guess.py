@@ -5,9 +5,9 @@ incidence) by their centres of mass. Of those that pass the ones are left out th
 before found to be hidden from near by, see ``memory.py``. Methods rank what they might try by it;
 only rendered maps decide.
 
-In a kitchen of 6,508 faces a guess at a layout took 0.045 of the time of a map, on six arms with
+In a kitchen of 6,508 faces a guess at a layout took 0.014 of the time of a map, on six arms with
 eight sensors 0.2 of a map, of which a layout has 48 (in searches by ``auto``, software GL). All
-guesses of a search took 1.35 times as long as its maps there, 0.32 times here: they are what does
+guesses of a search took 1.15 times as long as its maps there, 0.35 times here: they are what does
 not get quicker with more workers.
 
 Plain arithmetic of NumPy, no matrix products: the guess must be the same on every machine that
