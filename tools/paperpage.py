@@ -71,7 +71,8 @@ DIFFERENCES = """\
   turned away or seen too obliquely still hide what lies behind them, and so does what is nearer
   than the working range. The paper asks for the centre of mass, measures incidence against the
   optical axis with 20 degrees of tolerance, and takes refused faces away before it looks for what
-  hides, so that mostly more is seen. `--set 'visibility.semantics="paper"'` has all of that;
+  hides. So it sees more of the arms, and less of the kitchen, of whose large faces a part may show
+  and the centre not. `--set 'visibility.semantics="paper"'` has all of that;
   "by its rules" is what the same layout, found by ours, sees by the paper's.
 - **The objective.** The paper minimises 1/OF3, glvis maximises OF3: the same order. Its three terms
   count faces here and are divided by the number of faces, so that every model weighs alike.
