@@ -259,10 +259,9 @@ def _mark(
     some = np.flatnonzero(words)
     octets = words[some].view(np.uint8).reshape(-1, 4)
     cluster, view = work.clusters[some], work.view[some]
-    for faces, plan in zip(visible, plans, strict=True):
-        judged = work.lists[plan.judging]
-        mine = slice(*np.searchsorted(some, (judged.start, judged.stop)))
-        clusters = plan.look.clusters
+    judged = np.searchsorted(some, [work.lists[plan.judging] for plan in plans]).tolist()
+    for faces, plan, borders in zip(visible, plans, judged, strict=True):
+        mine, clusters = slice(*borders), plan.look.clusters
         bits = np.unpackbits(octets[mine], axis=1, count=clusters.size, bitorder="little")
         place = clusters.order.reshape(-1, clusters.size)[cluster[mine]]
         place = place + (view[mine] * faces.shape[1])[:, None]

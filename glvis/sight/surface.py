@@ -44,7 +44,7 @@ class Surface:
 
     Attributes
     ----------
-    lattice : (4,) float64
+    lattice : tuple of float
         Where packed corners lie: the lattice's middle relative to the origin, and its step.
     """
 
@@ -53,7 +53,7 @@ class Surface:
         self._layouts: dict[str, Layout] = {}
         self._packed: Any = None
         middle, step = _lattice(clusters)
-        self.lattice = np.append(middle - origin, step)
+        self.lattice = (*(middle - origin).tolist(), step)
 
     def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
         """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""

@@ -108,7 +108,7 @@ class Request:
             *(len(self.masks), self.masks[0].shape[1]),
             faces if self.by_face else 1,
             *(self.renderer.tiles, self.renderer.resolution, max(rules.min_pixels, 1)),
-            *(faces.bit_length() - 1, tuple(surface.lattice), rules.tolerance),
+            *(faces.bit_length() - 1, surface.lattice, rules.tolerance),
         )
 
 
@@ -131,7 +131,7 @@ class WorkList:
     view : (L,) int
         For which view each is listed.
     lists : mapping
-        Where those of each request are.
+        Where those of each request begin and end.
     told : (D,) VIEW
         What the shader is told at each dispatch.
     dispatches : mapping
@@ -153,7 +153,7 @@ class WorkList:
         n_small, n_listed = ends[first + 1] - start, ends[first + parts[:, None]] - start
         self.view = np.repeat(np.tile(np.arange(n), r), n_listed.ravel())
         borders = pairwise([*start[:, 0].tolist(), len(listed)])
-        self.lists = {one: slice(*border) for one, border in zip(requests, borders, strict=True)}
+        self.lists = dict(zip(requests, borders, strict=True))
 
         # a dispatch has so many work groups at most
         each = numbers["invocations"]
