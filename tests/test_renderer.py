@@ -1,5 +1,7 @@
 """Small pictures compared whole: nearest wins, IDs are exact, nothing is left over."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import shapes
@@ -100,6 +102,13 @@ def test_many_views_at_once_are_the_same_pictures(tiles, rng):
     one = ids(blob, poses, (24, 16), tan=0.6)
     assert np.array_equal(ids(blob, poses, (24, 16), tan=0.6, tiles=tiles), one)
     assert (one > 0).any(axis=(1, 2)).all()
+
+
+@pytest.mark.parametrize(("size", "most"), [((8, 8), 256), ((2048, 2048), 4)])
+def test_hardware_draws_many_views_at_once_but_not_without_bound(size, most, monkeypatch):
+    monkeypatch.setattr(r, "gl_info", lambda: SimpleNamespace(is_software=False))
+    with r.Renderer(size) as renderer:
+        assert 1 < renderer.tiles <= most
 
 
 def test_the_place_among_others_rounds_no_edge_another_way(rng):

@@ -106,8 +106,8 @@ class Objective:
         t_tot = sum(k * faces for k, faces in enumerate(exactly, start=1)) / scale  # Eq. (6)
         unique = float(sum(exactly))
         of1 = unique / total  # Eq. (1), Eq. (3)
-        table = [*self.overlap, *[self.overlap[-1]] * (len(exactly) - len(self.overlap))]
-        of2 = sum(w * faces for w, faces in zip(table, exactly, strict=False)) / scale  # Eq. (4)
+        table = self._overlap_weights(len(exactly)).tolist()
+        of2 = sum(w * faces for w, faces in zip(table, exactly, strict=True)) / scale  # Eq. (4)
         # Eq. (5) adds OF1 to counts: there it is card{k >= 1}, normalised like the rest.
         of3 = self.w_tot * t_tot + self.w_of1 * unique / scale + self.w_of2 * of2
         terms = {"t_tot": t_tot, "of1": of1, "of2": of2, "of3": of3}

@@ -26,7 +26,9 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Window = tuple[int, ...]  # left, bottom, width, height, pixels
 
-_HARDWARE_BATCH_BYTES = 64 << 20  # of ID buffer that hardware fills before it is read back
+# Of ID buffers that hardware fills before they are read back: bytes, and framebuffers, of which
+# there would be hundreds of thousands where images are small.
+_HARDWARE_BATCH_BYTES, _HARDWARE_BATCH = 64 << 20, 256
 # The viewport is this odd number of times as wide and high as the image, which lies in its
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
@@ -90,7 +92,7 @@ class Renderer(Held):
             # their depths must fit into a storage buffer, where there is such a thing
             most = context.info.get("GL_MAX_SHADER_STORAGE_BLOCK_SIZE") or _HARDWARE_BATCH_BYTES
             fitting = max(1, min(most, _HARDWARE_BATCH_BYTES) // (4 * width * height))
-            tiles = 1 if gl_info().is_software else fitting
+            tiles = 1 if gl_info().is_software else min(fitting, _HARDWARE_BATCH)
         self.tiles = tiles
         fits = _GUARD * max(resolution) <= min(context.info["GL_MAX_VIEWPORT_DIMS"])
         self._guard = _GUARD if fits else 1
