@@ -3,8 +3,7 @@
 // CropBack and CropNorm by the incidence, CropNear and maxD by the depth along the optical axis).
 // in:  id, height   of the face, see id_buffer.vert.glsl
 // out: face_id      into the R32UI target; depth goes into the depth buffer untouched
-// REFUSED_HIDE is defined where back and too oblique faces hide what lies behind them,
-// BEHIND_CAST where faces that cast.comp.glsl has cast do too.
+// REFUSED_HIDE is defined where back and too oblique faces hide what lies behind them.
 flat in uint id;
 flat in float height;
 
@@ -13,22 +12,12 @@ uniform float min_ray_cos;      // cosine of the largest incidence by the true r
 uniform float min_distance;     // working range as depth along the optical axis, scene unit
 uniform float max_distance;
 
-#ifdef BEHIND_CAST             // needs #version 430
-uniform int image_width;        // pixels
-uniform int first_row;          // of this view in depth_cast
-layout(std430, binding = 1) readonly buffer Depth { uint depth_cast[]; };
-#endif
-
 out uint face_id;
 
 void main() {
     float depth = 1.0 / gl_FragCoord.w;
     vec2 tangent = gl_FragCoord.xy * pixel_to_tangent.xy + pixel_to_tangent.zw;
     float distance_to_eye = depth * sqrt(1.0 + dot(tangent, tangent));
-#ifdef BEHIND_CAST
-    ivec2 at = ivec2(gl_FragCoord.xy);
-    if (depth > uintBitsToFloat(depth_cast[(first_row + at.y) * image_width + at.x])) discard;
-#endif
     bool faces = height > 0.0 && height >= min_ray_cos * distance_to_eye;
 #ifndef REFUSED_HIDE
     if (!faces && id != 0u) discard;

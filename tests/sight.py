@@ -12,7 +12,6 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.caster import Caster
 from glvis.sight.clusters import Clusters
-from glvis.sight.coarser import StandIns
 from glvis.sight.culling import Culling
 from glvis.sight.mapper import Mapper
 from glvis.sight.renderer import Renderer
@@ -69,15 +68,14 @@ class Looking(Mapper):
 
     def looks(self, poses: np.ndarray, device: Sensor) -> np.ndarray:
         views = self.views(poses, device)
+        question = self.question(device)
         chosen = self.culling.chosen(views)
-        look = self.look(views, device, chosen)
-        if look is None:
-            return self.visible(views, device, chosen)
         caster = Caster()
         try:
-            return caster.visible(views, [look], origin=self.origin)[0]
+            cast = question and caster.visible(views, question, chosen, self.origin)
         finally:
             caster.release()
+        return self.visible(views, device, chosen) if cast is None else cast
 
 
 @contextmanager
@@ -96,7 +94,6 @@ def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **o
         Surface(Clusters.of(Model.from_arrays(f"obstacle{i}", *o)), origin, is_target=False)
         for i, o in enumerate(obstacles)
     ]
-    stand_ins = StandIns(origin)
     model = Model.from_arrays("target", *shape)
     made = Looking(
         model,
@@ -105,12 +102,11 @@ def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **o
         origin,
         renderer_of,
         casts=casts,
-        stand_ins=stand_ins,
     )
     try:
         yield made
     finally:
-        for part in (made, *surfaces, stand_ins, *renderers.values()):
+        for part in (made, *surfaces, *renderers.values()):
             part.release()
 
 

@@ -38,7 +38,7 @@ def test_id_images_are_what_rays_through_pixel_centres_hit(name, seed):
     with mapper(shape) as made, Renderer(size) as renderer:
         views = made.views(poses, device)
         everything = np.ones((len(poses), len(made.surface.clusters)), dtype=bool)
-        selection = Selection(made.surface, everything, np.zeros(len(poses), dtype=bool))
+        selection = Selection(made.surface, everything)
         images = np.concatenate(
             [
                 np.array(batch)

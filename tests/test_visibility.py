@@ -8,12 +8,11 @@ import shapes
 from sight import random_poses, seen, sensor
 
 from glvis.camera import camera_to_world
-from glvis.inputs.scene import Model
 from glvis.sight.visibility import (
     VisibilityMap,
     VisibilityOptions,
+    asks_about_points,
     render_resolution,
-    takes_second_look,
 )
 
 BOTH = pytest.mark.parametrize("criterion", ["pixels", "centroid"])
@@ -191,7 +190,7 @@ def test_the_second_look_finds_faces_between_the_pixels_and_no_hidden_ones():
     x = shapes.corners(wall).mean(axis=1)[:, 0]
     assert visible[x > 0.05].all() and not visible[x < -0.05].any()
     sparse = seen(wall, device=device, obstacles=[cover], resolution=(64, 64))
-    assert sparse.sum() <= 64 * 64 and not takes_second_look(VisibilityOptions(resolution=(64, 64)))
+    assert sparse.sum() <= 64 * 64 and not asks_about_points(VisibilityOptions(resolution=(64, 64)))
 
 
 def test_more_pixels_a_face_are_asked_for_by_min_pixels():
@@ -245,18 +244,14 @@ def test_scaling_scene_and_ranges_together_changes_nothing(rng):
             assert np.count_nonzero(base != other) <= 2e-3 * base.size
 
 
-def test_auto_keeps_the_sensors_shape_and_never_exceeds_its_pixels():
-    device = sensor(hfov_deg=66.4, vfov_deg=39.5, resolution=(1280, 720), far=350)
-    coarse = Model.from_arrays("coarse", *shapes.plate(100))
-    fine = Model.from_arrays("fine", *shapes.plate(100, cells=(700, 700)))
-    width, height = render_resolution(VisibilityOptions(), device, coarse)
-    ratio = math.tan(math.radians(33.2)) / math.tan(math.radians(19.75))
-    assert width / height == pytest.approx(ratio, rel=0.04) and width == 256
-    assert render_resolution(VisibilityOptions(), device, fine) == (1280, 720)
-    assert render_resolution(VisibilityOptions(resolution="sensor"), device, fine) == (1280, 720)
-    assert render_resolution(VisibilityOptions(resolution=(9, 7)), device, fine) == (9, 7)
+def test_pixels_decide_at_a_stated_resolution_and_points_else():
+    device = sensor(resolution=(1280, 720))
+    for options in ({}, {"criterion": "centroid"}, {"criterion": "centroid", "resolution": (9, 7)}):
+        assert render_resolution(VisibilityOptions(**options), device) is None
+    assert render_resolution(VisibilityOptions(resolution="sensor"), device) == (1280, 720)
+    assert render_resolution(VisibilityOptions(resolution=(9, 7)), device) == (9, 7)
     # counting pixels means the sensor's own
-    assert render_resolution(VisibilityOptions(min_pixels=3), device, coarse) == (1280, 720)
+    assert render_resolution(VisibilityOptions(min_pixels=3), device) == (1280, 720)
 
 
 def test_a_map_counts_faces_by_hand():

@@ -19,7 +19,7 @@ from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement, evaluate_poses
-from glvis.sight.visibility import VisibilityOptions, takes_second_look
+from glvis.sight.visibility import VisibilityOptions, asks_about_points
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -90,7 +90,7 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     if study.obstacles and any((reason == _HIDDEN).any() for reason in found):
         _tell_from_hidden(placement, found, _OBSTRUCTED, replace(study, obstacles=()))
     options = study.visibility
-    if options.criterion == "pixels" and not takes_second_look(options):
+    if not asks_about_points(options):
         by_centre = replace(options, criterion="centroid", min_pixels=1)
         _tell_from_hidden(placement, found, _TINY, replace(study, visibility=by_centre))
     if placement.reach:

@@ -202,8 +202,9 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
                 "value": row.terms["value"],
                 "terms": _without_value(row.terms),
                 "render_resolution": {
-                    sensor.name: list(render_resolution(study.visibility, sensor, model))
+                    sensor.name: resolution and list(resolution)
                     for sensor in study.sensors
+                    for resolution in [render_resolution(study.visibility, sensor)]
                 },
                 **_file_of(model),
             }

@@ -11,7 +11,7 @@ from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
 from glvis.outputs.tables import mean_row, model_rows, sensor_rows
 from glvis.outputs.within_reach import reach_table, reach_words
-from glvis.sight.visibility import render_resolution, takes_second_look
+from glvis.sight.visibility import render_resolution
 from glvis.terminal import duration, table
 
 _MANY_BELOW_A_PIXEL = 0.05
@@ -50,12 +50,12 @@ def study_lines(study: Study) -> Iterator[str]:
     yield from table(
         ("model", "sensor", "pixels", "faces below a pixel", "at distance"),
         [
-            (model.name, sensor.name, f"{w} x {h}",
-             f"{100 * share_below_a_pixel(sensor, model, (w, h)):.1f} %",
+            (model.name, sensor.name, f"{size[0]} x {size[1]}" if size else "none: by points",
+             f"{100 * share_below_a_pixel(sensor, model, size or sensor.resolution):.1f} %",
              f"{working_distance(sensor):g} {unit}")
             for model in study.models
             for sensor in kinds.values()
-            for w, h in [render_resolution(study.visibility, sensor, model)]
+            for size in [render_resolution(study.visibility, sensor)]
         ],
     )  # fmt: skip
     yield ""
@@ -77,16 +77,16 @@ def study_lines(study: Study) -> Iterator[str]:
 
 def resolution_warnings(study: Study) -> list[str]:
     """Return one sentence for each model with many faces that pixels may miss."""
-    if study.visibility.criterion == "centroid" or takes_second_look(study.visibility):
-        return []  # both find faces of any size
     found = []
     for model in study.models:
         shares = {
-            sensor.name: share_below_a_pixel(
-                sensor, model, render_resolution(study.visibility, sensor, model)
-            )
+            sensor.name: share_below_a_pixel(sensor, model, resolution)
             for sensor in study.sensors
+            for resolution in [render_resolution(study.visibility, sensor)]
+            if resolution  # else points decide, and faces may be of any size
         }
+        if not shares:
+            return []
         name, share = max(shares.items(), key=lambda item: item[1])
         if share > _MANY_BELOW_A_PIXEL:
             found.append(

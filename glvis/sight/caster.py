@@ -1,41 +1,74 @@
-"""Visibility maps where OpenGL 4.3 is there: small faces are cast in a compute shader, not drawn.
+"""Which points of faces nothing hides, where OpenGL 4.3 is there: an irregular Z-buffer.
 
-A rasteriser sets up every triangle, and for a triangle of a few pixels that is nearly all of
-its cost. Here each view's clusters are parted by the size of their faces in pixels: the small
-ones are cast, one invocation a face (``shaders/cast.comp.glsl``), the large ones are drawn as
-ever. A second pass judges every face against both depths; by their centres alone, one invocation
-judges a cluster and has its word of bits to itself, for atomic operations are slow in software.
-Images stay where they are: what is read back is one bit a face, and the IDs of drawn faces where
-pixels count.
+Alias-free shadow maps (Aila and Laine 2004; Johnson et al. 2005) turned to sensors: points of faces
+are put into the cells of a coarse grid over the image, and each face that may hide something is
+tested against the points of the cells that it covers. No depth is sampled: every pair is decided by
+the planes of the face itself, up to the rounding of float32.
+
+Three compute shaders do that. ``ask`` looks up the points of faces that may count, ``keep`` culls
+what lies behind all of them, ``hide`` finds those that the rest hides. First it is each face's
+centre that is asked about; where many points of large faces count, then those of the faces whose
+centre is not free.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.sight.clusters import Clusters, Joined
 from glvis.sight.context import gl_context
-from glvis.sight.renderer import Renderer, Selection, faces_in_images
-from glvis.sight.surface import compiled_compute
+from glvis.sight.culling import Chosen
+from glvis.sight.points import Question, beside, spans
+from glvis.sight.surface import Surface, compiled_compute
 from glvis.sight.views import NEAREST, Views
-from glvis.sight.worklist import VIEW, OfViews, Request, Rules, WorkList
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Words = NDArray[np.uint32]
+Indices = NDArray[np.intp]
 
 _VERSION = 430  # compute shaders and storage buffers
-# Pixels along an edge up to which a face is cast; beyond, drawing is as fast on llvmpipe, which
-# also leaves a loop, and so a face, after 65,535 pixels. Where a usual face is larger than _LARGE,
-# much is drawn anyway, and what is small beside it too.
-_SMALL, _SMALL_AMONG_LARGE, _LARGE = 64.0, 8.0, 16.0
-_CLUSTERS, _DEPTH, _SEEN = range(3)  # storage buffers of the shader
-_FACES, _DRAWN = range(2)  # its textures
+# The block View of view.glsl, name by name; a uniform block may begin at any multiple of 256 bytes.
+_VIEW = np.dtype(
+    [
+        ("world_to_grid", "f4", 16),
+        ("lattice", "f4", 4),
+        ("eye", "f4", 4),
+        ("backwards", "f4", 4),
+        ("grid_to_tangent", "f4", 4),
+        ("working_range", "f4", 2),
+        ("min_ray_cos", "f4"),
+        ("near", "f4"),
+        ("size", "i4", 2),
+        ("first_row", "i4"),
+        ("first_tile_row", "i4"),
+        ("first_listed", "u4"),
+        ("n_listed", "u4"),
+        ("first_kept", "u4"),
+        ("first_spread", "u4"),
+        ("request", "u4"),
+        ("size_log2", "u4"),
+        ("groups_a_column", "u4"),
+        ("first_record", "u4"),
+        ("first_extra", "u4"),
+        ("filler", "u4", 15),
+    ]
+)
+_LISTED, _DISPATCHES, _FREE, _UNFINISHED = range(4)  # storage buffers of the shaders
+_FACES, _CENTRES, _RECORDS, _HEADS, _BOXES, _TILES = range(6)  # their textures
+_RECORDS_OUT, _HEADS_OUT, _TILES_OUT = range(3)  # their images
+# As the shaders have them: cells along a tile, invocations a work group, records a line, points of
+# a large face; and the work groups that every OpenGL takes along one direction.
+_TILE, _GROUP, _RECORDS_A_LINE, _POINTS, _MOST_GROUPS = 8, 64, 2048, 64, 65535
+# What views that are looked at together may take: records (16 bytes each, and 4 more) and cells (4
+# bytes each). More bring nothing on a CPU, and hardware is busy with so many.
+_MOST_RECORDS, _MOST_CELLS = 1 << 21, 1 << 22
+_SLACK = 1e-5  # of what faces span in the image, which float32 may round
 
 
 def has_compute() -> bool:
@@ -43,268 +76,396 @@ def has_compute() -> bool:
     return int(gl_context().version_code) >= _VERSION
 
 
-def can_hold(resolution: tuple[int, int]) -> bool:
-    """Return whether a view of this many pixels fits into a storage buffer."""
+def can_hold(n_faces: int) -> bool:
+    """Return whether one view's records of so many faces fit into a storage buffer."""
     limit = gl_context().info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]
-    return 4 * resolution[0] * resolution[1] <= limit
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """What N views are asked of a model.
-
-    Attributes
-    ----------
-    targets : Selection
-        What they see of the model that is counted.
-    candidates : (N, C) bool
-        Its clusters that may have a face to count.
-    hiding : sequence of Selection
-        What they see of what only hides.
-    rules : Rules
-        What counts.
-    renderer : Renderer
-        Draws the large faces; has the resolution and the number of views at once.
-    """
-
-    targets: Selection
-    candidates: Bools
-    hiding: Sequence[Selection]
-    rules: Rules
-    renderer: Renderer
-
-    @property
-    def clusters(self) -> Clusters:
-        """Of what is counted."""
-        return self.targets.surface.clusters
-
-    @property
-    def selections(self) -> Sequence[Selection]:
-        """All that may hide something."""
-        return [self.targets, *self.hiding]
+    return 4 * (n_faces + _POINTS * min(n_faces, _MOST_GROUPS)) <= int(limit)
 
 
 class Caster:
-    """The two passes, and what they share: buffers that grow with what they hold."""
+    """The passes, and what they share: buffers and textures that grow with what they hold."""
 
     def __init__(self) -> None:
-        self._stores = {name: _Store() for name in ("nothing", "depth", "told", "clusters", "seen")}
-        self._joined: Joined | None = None
+        self._buffers: dict[str, Any] = {}
+        self._textures: dict[str, Any] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for store in self._stores.values():
-            store.release()
+        for part in (*self._buffers.values(), *self._textures.values()):
+            part.release()
+        self._buffers.clear()
+        self._textures.clear()
 
-    def visible(self, views: Views, looks: Sequence[Look], *, origin: Floats) -> list[Bools]:
-        """Return which faces each view sees, (N, F) bool a look.
+    def visible(
+        self, views: Views, question: Question, chosen: Mapping[Surface, Chosen], origin: Floats
+    ) -> Bools | None:
+        """Return which faces each view sees, (N, F) bool; None where the driver gave up on a face.
+
+        llvmpipe does where a face covers too many cells or points. Then NumPy must find it.
 
         Parameters
         ----------
         views : Views
             N cameras.
-        looks : sequence of Look
-            What they look at, one by one; what the GPU is told of all is sent at once.
+        question : Question
+            Of which surface, what hides it, and which of its points count.
+        chosen : mapping
+            What the views keep of these surfaces.
         origin : (3,) float64
             As the surfaces were made with.
         """
-        visible = [
-            np.zeros((len(views), look.clusters.model.n_faces), dtype=bool) for look in looks
-        ]
-        if not len(views) or not looks:
-            return visible
-        plans = self._plans(views, looks)
-        work = WorkList(views, [one for plan in plans for one in plan.requests], origin)
-        self._hold("told", work.told)
-        self._hold("clusters", work.clusters).bind_to_storage_buffer(_CLUSTERS)
-        seen = self._hold("seen", np.zeros_like(work.clusters))
-        seen.bind_to_storage_buffer(_SEEN)
-        for plan, faces in zip(plans, visible, strict=True):
-            self._look(plan, work, views, origin, faces)
-        if work.clusters.size:
-            _mark(visible, plans, work, np.frombuffer(seen.read(work.clusters.nbytes), dtype="<u4"))
+        clusters = question.targets.clusters
+        visible = np.zeros((len(views), clusters.model.n_faces), dtype=bool)
+        width, height = question.grid
+        at_once = min(
+            _MOST_RECORDS // max(1, len(clusters.order)),
+            _MOST_CELLS // (width * height),
+            int(gl_context().info["GL_MAX_TEXTURE_SIZE"]) // height,
+        )
+        at_once = max(1, at_once) if len(clusters) else len(views) + 1
+        for first in range(0, len(views), at_once):
+            some = slice(first, first + at_once)
+            batch = _Batch.of(views, some, question, chosen, origin)
+            if not self._see(batch, views.camera_to_world[some], visible[some]):
+                return None
         return visible
 
-    def _plans(self, views: Views, looks: Sequence[Look]) -> list[_Plan]:
-        """Return what is cast, drawn and judged of each look."""
-        selections = [one for look in looks for one in look.selections]
-        joined = self._joined_of([one.surface.clusters for one in selections])
-        share = np.repeat(_shares_to_cast(views, looks), [len(one.selections) for one in looks], 0)
-        small = joined.seen_small(views.depth_plane, NEAREST * views.max_distance, share)
-        mask = np.concatenate([one.mask for one in selections], axis=1)
-        cast, drawn = mask & small, mask & ~small
-        all_small = bool(small.all())
-        plans, columns = [], iter(joined.columns)
-        for look in looks:
-            mine = [next(columns) for _ in look.selections]
-            pairs = list(zip(look.selections, mine, strict=True))
-            small_targets = small[:, mine[0]]
-            to_judge = [look.candidates & small_targets]
-            if look.rules.by_centre and not all_small:
-                to_judge.append(look.candidates & ~small_targets)
-            by_face = look.rules.min_pixels > 0
-            with_what = (look.renderer, look.rules)
-            casting = [Request(one, [cast[:, part]], *with_what, True) for one, part in pairs]
-            judging = Request(look.targets, to_judge, *with_what, by_face)
-            to_draw = []
-            if not all_small and any(drawn[:, part].any() for part in mine):
-                to_draw = [replace(one, mask=drawn[:, part]) for one, part in pairs]
-            plans.append(_Plan(look, casting, judging, to_draw))
-        return plans
+    def _see(self, batch: _Batch, poses: Floats, visible: Bools) -> bool:
+        """Mark what the views of a batch see, in place, (n, F) bool; return whether all is found."""
+        if not batch.asked.rows["n_listed"].any():
+            return True
+        clusters = batch.question.targets.clusters
+        n_records = len(visible) * len(clusters.order)
+        self._bind(batch, n_records)
+        self._run("ask", batch.asked, clusters.size)
+        self._hide(batch)
+        # a record is a place in the order of the clusters
+        view, place = np.divmod(self._free(0, n_records), len(clusters.order))
+        visible[view, clusters.order[place]] = True
+        closer = _Closer.of(batch, poses, visible) if batch.question.large else None
+        if closer and len(closer.faces):
+            n_more = _POINTS * len(closer.faces)
+            finished = self._has_finished()
+            self._bind(batch, n_records, closer)
+            self._run("ask", closer.list, _GROUP, "MANY")
+            self._hide(batch)
+            view, place = np.divmod(self._free(n_records, n_more), len(clusters.order))
+            visible[view, clusters.order[place]] = True
+            return finished and self._has_finished()
+        return self._has_finished()
 
-    def _joined_of(self, clusters: list[Clusters]) -> Joined:
-        """Return clusters side by side; mostly they are the same as before."""
-        if self._joined is None or self._joined.clusters != clusters:
-            self._joined = Joined(clusters)
-        return self._joined
+    def _has_finished(self) -> bool:
+        """Return whether no face was given up on since all was bound."""
+        return not any(self._buffers["unfinished"].read(4))
 
-    def _look(
-        self, plan: _Plan, work: WorkList, views: Views, origin: Floats, visible: Bools
-    ) -> None:
-        """Run both passes of a look; mark the faces (N, F) that were drawn and show."""
-        look, renderer = plan.look, plan.look.renderer
-        cast = compiled_compute("cast")
-        is_drawn = len(plan.to_draw) > 0
-        judge = compiled_compute("cast", *look.rules.defines(is_drawn=is_drawn))
-        windows = None
-        if is_drawn:
-            windows = views.windows(look.clusters.corners, renderer.resolution)
-        drawing = renderer.batches(
-            views,
-            plan.to_draw,
-            origin=origin,
-            with_ids=plan.with_ids,
-            behind_cast=True,
-            windows=windows,
-        )
-        for first in range(0, len(views), renderer.tiles):
-            some = slice(first, min(first + renderer.tiles, len(views)))
-            self._clear_depth(renderer)
-            for request in plan.casting:
-                self._run(cast, request, work.dispatches[request][some])
-            gl_context().memory_barrier()
-            if is_drawn:
-                next(drawing)
-            for tile, of_view in enumerate(work.dispatches[plan.judging][some]):
-                if is_drawn:
-                    renderer.use_depths(tile, _DRAWN)
-                self._run(judge, plan.judging, [of_view])
-            gl_context().memory_barrier()
-            if plan.with_ids:
-                images = renderer.read_windows()
-                visible[some] = faces_in_images(images, visible.shape[1], look.rules.min_pixels)
+    def _hide(self, batch: _Batch) -> None:
+        """Find what is hidden of the points that were asked about."""
+        context = gl_context()
+        context.memory_barrier()
+        for surface, occluders in zip(batch.question.hiding, batch.hiding, strict=True):
+            surface.use_boxes(_BOXES)
+            surface.use_packed(_FACES)
+            self._run("keep", occluders, 1)
+            context.memory_barrier()
+            for second, defines in enumerate(([], ["SPREAD"])):
+                hide = compiled_compute("hide", *defines)
+                for row in np.flatnonzero(occluders.rows["n_listed"]).tolist():
+                    self._tell(occluders, row)
+                    request = int(occluders.rows["request"][row]) + second
+                    hide.run_indirect(self._buffers["dispatches"], 16 * request)
+                context.memory_barrier()
+
+    def _run(self, name: str, clusters: _List, invocations: int, *defines: str) -> None:
+        """Run a pass with so many invocations for each that is listed, view by view."""
+        program = compiled_compute(name, *defines)
+        listed = clusters.rows["n_listed"]
+        groups = -(-listed.astype(np.int64) * invocations // _GROUP)
+        for row in np.flatnonzero(listed).tolist():
+            self._tell(clusters, row)
+            column = int(clusters.rows["groups_a_column"][row])
+            program.run(-(-int(groups[row]) // column), column)
+
+    def _tell(self, clusters: _List, row: int) -> None:
+        offset = _VIEW.itemsize * (clusters.first_row + row)
+        self._buffers["told"].bind_to_uniform_block(0, offset=offset, size=_VIEW.itemsize)
+
+    def _bind(self, batch: _Batch, n_records: int, closer: _Closer | None = None) -> None:
+        """Send what is told of a batch, and bind all that the passes share; no point is asked yet.
+
+        Records of what was asked before are left as they are, where points are asked about.
+        """
+        lists = [batch.asked, *batch.hiding, *([closer.list] if closer else [])]
+        self._hold("told", np.concatenate([one.rows for one in lists]))
+        self._hold("dispatches", batch.dispatches).bind_to_storage_buffer(_DISPATCHES)
+        unfinished = self._hold("unfinished", np.zeros(1, dtype=np.uint32))
+        unfinished.bind_to_storage_buffer(_UNFINISHED)
+        listed = [batch.listed] + ([closer.faces] if closer else [])
+        self._hold("listed", np.concatenate(listed)).bind_to_storage_buffer(_LISTED)
+        n_free = n_records + (_POINTS * len(closer.faces) if closer else 0)
+        free = self._room("free", 4 * n_free)
+        free.clear()
+        free.bind_to_storage_buffer(_FREE)
+        records = self._texture("records", 4, (_RECORDS_A_LINE, -(-n_free // _RECORDS_A_LINE)))
+        records.bind_to_image(_RECORDS_OUT, read=False, write=True)
+        records.use(_RECORDS)
+        n, (width, height) = len(batch.asked.rows), batch.question.grid
+        self._clear("heads", _HEADS, _HEADS_OUT, (width, n * height))
+        across, up = _tiles(batch.question.grid)
+        self._clear("tiles", _TILES, _TILES_OUT, (across, n * up))
+        targets = batch.question.targets
+        targets.use_packed(_FACES)
+        targets.use_centres(_CENTRES)
+
+    def _free(self, first: int, number: int) -> Words:
+        """Return the records of faces' centres that some records, all in all, found free."""
+        words = self._buffers["free"].read(4 * number, offset=4 * first)
+        found = np.frombuffer(words, dtype=np.uint32)
+        return found[found > 0] - 1
+
+    def _clear(self, name: str, unit: int, image: int, size: tuple[int, int]) -> None:
+        """Bind a texture of words (width, height) that are 0."""
+        texture = self._texture(name, 1, size)
+        nothing = self._buffers.get("nothing")
+        n_bytes = 4 * texture.width * texture.height
+        if nothing is None or nothing.size < n_bytes:
+            nothing = self._room("nothing", n_bytes)
+            nothing.clear()
+        texture.write(nothing)
+        texture.bind_to_image(image, read=True, write=True)
+        texture.use(unit)
 
     def _hold(self, name: str, values: NDArray[Any]) -> Any:
-        return self._stores[name].holding(values)
+        """Return a buffer with values at its beginning."""
+        buffer = self._room(name, values.nbytes)
+        buffer.write(np.ascontiguousarray(values))
+        return buffer
 
-    def _clear_depth(self, renderer: Renderer) -> None:
-        """Bind depths in which nothing is near."""
-        nothing, depth = self._stores["nothing"], self._stores["depth"]
-        width, height = renderer.resolution
-        size = 4 * renderer.tiles * width * height
-        if nothing.size < size:
-            far = np.full(size // 4, np.inf, dtype=np.float32)
-            nothing.holding(far)
-            depth.holding(far)
-        gl_context().copy_buffer(depth.buffer, nothing.buffer, size)
-        depth.buffer.bind_to_storage_buffer(_DEPTH)
+    def _room(self, name: str, n_bytes: int) -> Any:
+        """Return a buffer of at least so many bytes."""
+        buffer = self._buffers.get(name)
+        if buffer is None or buffer.size < n_bytes:
+            if buffer is not None:
+                buffer.release()
+            buffer = gl_context().buffer(reserve=max(n_bytes, 256), dynamic=True)
+            self._buffers[name] = buffer
+        return buffer
 
-    def _run(self, program: Any, request: Request, of_views: OfViews) -> None:
-        """Do what some views have to do with a surface."""
-        request.selection.surface.use_packed(_FACES)
-        told = self._stores["told"].buffer
-        for of_view in of_views:
-            for row, groups in of_view:
-                told.bind_to_uniform_block(0, offset=VIEW.itemsize * row, size=VIEW.itemsize)
-                program.run(groups)
+    def _texture(self, name: str, components: int, size: tuple[int, int]) -> Any:
+        """Return a texture of words, at least so high and of just this width."""
+        texture = self._textures.get(name)
+        if texture is None or texture.width != size[0] or texture.height < size[1]:
+            if texture is not None:
+                texture.release()
+            texture = gl_context().texture(size, components, dtype="u4", alignment=4)
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._textures[name] = texture
+        return texture
 
 
 @dataclass(frozen=True, eq=False)
-class _Plan:
-    """What is cast, drawn and judged of a look.
+class _List:
+    """What n views are told of one surface, and where its clusters are listed for each.
 
     Attributes
     ----------
-    look : Look
-        Itself.
-    casting : sequence of Request
-        Small faces of each of its selections.
-    judging : Request
-        Candidates.
-    to_draw : sequence of Selection
-        Large faces of each, or nothing where none are large.
+    rows : (n,) _VIEW
+        One a view.
+    first_row : int
+        Where they begin in all that is told.
     """
 
-    look: Look
-    casting: Sequence[Request]
-    judging: Request
-    to_draw: Sequence[Selection]
-
-    @property
-    def requests(self) -> Sequence[Request]:
-        """All of them."""
-        return [*self.casting, self.judging]
-
-    @cached_property
-    def with_ids(self) -> bool:
-        """Whether drawn faces are counted."""
-        is_drawn = bool(self.to_draw) and bool(self.to_draw[0].mask.any())
-        return is_drawn and self.look.rules.min_pixels > 0
+    rows: NDArray[np.void]
+    first_row: int
 
 
-def _mark(
-    visible: Sequence[Bools], plans: Sequence[_Plan], work: WorkList, words: NDArray[np.uint32]
-) -> None:
-    """Mark the faces (N, F), by plan, of judged clusters whose bits in words (L,) are set."""
-    some = np.flatnonzero(words)
-    octets = words[some].view(np.uint8).reshape(-1, 4)
-    cluster, view = work.clusters[some], work.view[some]
-    judged = np.searchsorted(some, [work.lists[plan.judging] for plan in plans]).tolist()
-    for faces, plan, borders in zip(visible, plans, judged, strict=True):
-        mine, clusters = slice(*borders), plan.look.clusters
-        bits = np.unpackbits(octets[mine], axis=1, count=clusters.size, bitorder="little")
-        place = clusters.order.reshape(-1, clusters.size)[cluster[mine]]
-        place = place + (view[mine] * faces.shape[1])[:, None]
-        faces.reshape(-1)[place[bits.view(bool)]] = True
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """What the shaders are told of n views that are looked at together.
 
-
-class _Store:
-    """A buffer that grows with what it holds."""
-
-    def __init__(self) -> None:
-        self.buffer: Any = None
-
-    @property
-    def size(self) -> int:
-        """Bytes that it has room for."""
-        return self.buffer.size if self.buffer else 0
-
-    def holding(self, values: NDArray[Any]) -> Any:
-        """Return the buffer with values at its beginning."""
-        if self.buffer is None or self.buffer.size < values.nbytes:
-            self.release()
-            self.buffer = gl_context().buffer(reserve=max(values.nbytes, 256), dynamic=True)
-        if values.nbytes:
-            self.buffer.write(values)
-        return self.buffer
-
-    def release(self) -> None:
-        """Give the memory back."""
-        if self.buffer is not None:
-            self.buffer.release()
-            self.buffer = None
-
-
-def _shares_to_cast(views: Views, looks: Sequence[Look]) -> Floats:
-    """Return up to what share of its depth a face's edge may be long to be cast, (M, N).
-
-    A view's map may not depend on the others.
+    Attributes
+    ----------
+    question : Question
+        What is asked.
+    asked : _List
+        Clusters that may have a face to count.
+    candidates : (n, C) bool
+        The same.
+    hiding : list of _List
+        Clusters in the frusta, of each surface that hides.
+    listed : (L,) uint32
+        All lists, and room for what is kept of them.
+    dispatches : (2 * n * surfaces, 4) uint32
+        Work groups and number of the clusters that are kept, and of faces that cover many cells,
+        as long as there are none.
     """
-    sizes = np.array([look.renderer.resolution for look in looks])
-    pixel = 2 * (views.tan_half / sizes[:, None]).min(axis=2)  # at unit depth
-    x, y, z = np.array([look.clusters.middle for look in looks]).T[:, :, None]
-    plane = views.depth_plane
-    depth = plane[:, 0] * x + plane[:, 1] * y + plane[:, 2] * z + plane[:, 3]
-    edges = np.array([look.clusters.model.mean_edge for look in looks])
-    is_large = edges[:, None] > _LARGE * pixel * np.maximum(depth, views.clip_near)
-    return np.where(is_large, _SMALL_AMONG_LARGE, _SMALL) * pixel
+
+    question: Question
+    asked: _List
+    candidates: Bools
+    hiding: list[_List]
+    listed: Words
+    dispatches: Words
+
+    @classmethod
+    def of(
+        cls,
+        views: Views,
+        some: slice,
+        question: Question,
+        chosen: Mapping[Surface, Chosen],
+        origin: Floats,
+    ) -> _Batch:
+        """Return the batch of some of the views; all else as for ``Caster.visible``."""
+        told = _of_views(views, some, question, origin)
+        n = len(told)
+        asked, hiding, parts, first = None, [], [], 0
+        masks = [(question.targets, chosen[question.targets].candidates)]
+        masks += [(surface, chosen[surface].to_draw.mask) for surface in question.hiding]
+        for number, (surface, mask) in enumerate(masks):
+            entries, begin, n_listed, groups = _listed(mask[some], surface)
+            rows = told.copy()
+            rows["lattice"] = surface.lattice
+            rows["size_log2"] = surface.clusters.size.bit_length() - 1
+            rows["groups_a_column"] = groups
+            rows["first_listed"], rows["n_listed"] = first + begin, n_listed
+            parts.append(entries)
+            first += len(entries)
+            if number:
+                rows["request"] = 2 * ((number - 1) * n + np.arange(n))
+                rows["first_kept"] = first + begin
+                rows["first_spread"] = first + len(entries) + begin
+                parts.append(np.zeros(2 * len(entries), dtype=np.uint32))
+                first += 2 * len(entries)
+                hiding.append(_List(rows, number * n))
+            else:
+                rows["first_record"] = len(surface.clusters.order) * np.arange(n)
+                asked = _List(rows, 0)
+        assert asked is not None
+        dispatches = np.ones((len(hiding), n, 2, 4), dtype=np.uint32)
+        dispatches[..., [0, 3]] = 0
+        for request, one in zip(dispatches, hiding, strict=True):
+            request[:, 0, 1] = one.rows["groups_a_column"]
+        parts_of = np.concatenate(parts)
+        return cls(question, asked, masks[0][1][some], hiding, parts_of, dispatches.reshape(-1, 4))
+
+
+@dataclass(frozen=True, eq=False)
+class _Closer:
+    """Faces of the targets that are looked at in many points, view by view.
+
+    Attributes
+    ----------
+    faces : (K,) uint32
+        Places in the order of the clusters.
+    list : _List
+        What is told.
+    """
+
+    faces: Words
+    list: _List
+
+    @classmethod
+    def of(cls, batch: _Batch, poses: Floats, visible: Bools) -> _Closer:
+        """Return the faces that may be large in the image, and whose centre is not free.
+
+        Parameters
+        ----------
+        batch : _Batch
+            What was asked before.
+        poses : (n, 4, 4) float64
+            Camera to world.
+        visible : (n, F) bool
+            Faces whose centre is free.
+        """
+        clusters, rows = batch.question.targets.clusters, batch.asked.rows
+        model, table = clusters.model, clusters.table
+        assert batch.question.large is not None
+        near = rows["near"].astype(float)[:, None]
+        half = -rows["grid_to_tangent"][:, 2:].astype(float)
+        backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
+        reach = np.sum(backwards * eyes, axis=1)[:, None]
+        # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
+        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1)[:, None] * (1 + _SLACK)
+        span /= min(batch.question.large)
+        nearest = np.maximum((reach - backwards @ clusters.corners.T).min(axis=1), near[:, 0])
+        some = np.flatnonzero(table.longest >= (nearest / span[:, 0]).min())
+        # faces that look at the eye, in clusters that may count, with no centre free
+        edge = table.longest[some]
+        depth = reach - backwards @ table.centroids[:, some] - edge
+        maybe = edge * span >= np.maximum(depth, near)
+        maybe &= eyes @ table.normals[:, some] > table.offsets[some]
+        view, chosen = np.nonzero(maybe)
+        chosen = some[chosen]
+        kept = batch.candidates[view, chosen // clusters.size]
+        kept &= ~visible[view, table.index[chosen]]
+        view, chosen = view[kept], chosen[kept]
+        corners = model.vertices[model.faces[table.index[chosen]]] - eyes[view, None]
+        corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
+        corners[:, 2] *= -1
+        is_large = np.zeros(len(view), dtype=bool)
+        share = spans(corners, half[view].T, near[view, 0])
+        for k in np.unique(view).tolist():
+            mine = slice(*np.searchsorted(view, [k, k + 1]))
+            touches = beside(model, visible[k], table.index[chosen[mine]])
+            is_large[mine] = share[mine] >= np.where(touches, *batch.question.large)
+        view, chosen = view[is_large], chosen[is_large]
+        n = np.bincount(view, minlength=len(rows))
+        begin = np.cumsum(n) - n
+        told = rows.copy()
+        told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
+        told["groups_a_column"] = 1
+        told["first_extra"] = len(clusters.order) * len(rows) + _POINTS * begin
+        first_row = len(rows) * (1 + len(batch.hiding))
+        return cls(chosen.astype(np.uint32), _List(told, first_row))
+
+
+def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:
+    """Return clusters (n, C) bool as a list, view by view, and where and how each view has them.
+
+    Clusters + 1, (L,); where each view's begin, (n,); how many it has, (n,); and how many work
+    groups make up a column. A view's list is filled up by zeros to whole columns.
+    """
+    size = surface.clusters.size
+    groups = max(1, -(-len(surface.clusters.order) // (_GROUP * _MOST_GROUPS)))
+    column = groups * _GROUP // size
+    view, cluster = np.nonzero(mask)
+    n_listed = np.bincount(view, minlength=len(mask))
+    room = -(-n_listed // column) * column
+    begin = np.cumsum(room) - room
+    entries = np.zeros(int(room.sum()), dtype=np.uint32)
+    place = np.arange(len(view)) + (begin - (np.cumsum(n_listed) - n_listed))[view]
+    entries[place] = cluster + 1
+    return entries, begin, n_listed, groups
+
+
+def _tiles(grid: tuple[int, int]) -> tuple[int, int]:
+    """Return the tiles (columns, rows) of a grid's cells."""
+    return -(-grid[0] // _TILE), -(-grid[1] // _TILE)
+
+
+def _of_views(views: Views, some: slice, question: Question, origin: Floats) -> NDArray[np.void]:
+    """Return what is told of each view alone, the rest 0, (n,) _VIEW."""
+    to_camera = views.world_to_camera[some].copy()
+    to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
+    to_camera[:, 2] *= -1  # depth instead of z
+    half = np.array(question.grid) / 2
+    scale = half / views.tan_half[some]
+    to_grid = to_camera.copy()
+    to_grid[:, :2] *= scale[..., None]
+    to_grid[:, :2] += half[:, None] * to_camera[:, 2:3]
+    told = np.zeros(len(to_grid), dtype=_VIEW)
+    told["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
+    told["eye"][:, :3] = views.eye[some] - origin
+    told["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
+    told["backwards"][:, 3] = views.min_axis_cos[some]
+    told["grid_to_tangent"][:, :2] = 1 / scale
+    told["grid_to_tangent"][:, 2:] = -views.tan_half[some]
+    told["working_range"][:, 0] = views.min_distance[some]
+    told["working_range"][:, 1] = views.max_distance[some]
+    told["min_ray_cos"] = views.min_ray_cos[some]
+    told["near"] = NEAREST * views.max_distance[some]
+    told["size"] = question.grid
+    number = np.arange(len(told))
+    told["first_row"] = question.grid[1] * number
+    told["first_tile_row"] = _tiles(question.grid)[1] * number
+    return told

@@ -6,14 +6,11 @@ keeps a bounding sphere and a box around its faces' planes; ``culling`` uses bot
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from glvis.inputs.scene import Model
 
@@ -24,6 +21,39 @@ _MORTON_BITS = 10
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FaceTable:
+    """Faces of a model in an order in which neighbours lie side by side, T of them.
+
+    Attributes
+    ----------
+    index : (T,) int
+        Face indices of the model; a face may stand twice.
+    centroids, normals : (3, T) float64
+        Centres of mass and unit normals by coordinate.
+    offsets : (T,) float64
+        normal . x of each face's plane.
+    longest : (T,) float64
+        Longest edges.
+    """
+
+    index: NDArray[np.integer]
+    centroids: Floats
+    normals: Floats
+    offsets: Floats
+    longest: Floats
+
+    @classmethod
+    def of(cls, model: Model, index: NDArray[np.integer]) -> FaceTable:
+        """Return the table of some faces of a model, in their order."""
+        centroids = np.ascontiguousarray(model.centroids[index].T)
+        normals = np.ascontiguousarray(model.normals[index].T)
+        corners = model.vertices[model.faces[index]]
+        edges = corners - np.roll(corners, 1, axis=1)
+        longest = np.sqrt(np.sum(edges**2, axis=2).max(axis=1, initial=0))
+        return cls(index, centroids, normals, np.sum(normals * centroids, axis=0), longest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +114,8 @@ class Clusters:
         return self.model.bounds.mean(axis=0)
 
     @cached_property
-    def sphere(self) -> tuple[Floats, Floats]:
-        """Bounding spheres: homogeneous centres (4, C) and radii (C,)."""
+    def box(self) -> tuple[Floats, Floats]:
+        """Lowest and highest coordinates of each cluster, (C, 3) each."""
         faces = self.model.faces[self.order]
         low = np.full((len(self), 3), np.inf)
         high = np.full((len(self), 3), -np.inf)
@@ -93,19 +123,20 @@ class Clusters:
             points = self.model.vertices[faces[:, corner]].reshape(len(self), self.size, 3)
             low = np.minimum(low, points.min(axis=1))
             high = np.maximum(high, points.max(axis=1))
+        return low, high
+
+    @cached_property
+    def sphere(self) -> tuple[Floats, Floats]:
+        """Bounding spheres: homogeneous centres (4, C) and radii (C,)."""
+        low, high = self.box
         centre = np.ones((4, len(self)))
         centre[:3] = (low + high).T / 2
         return centre, np.linalg.norm(high - low, axis=1) / 2 + self.slack
 
     @cached_property
-    def longest_edge(self) -> Floats:
-        """Of any face of each cluster, (C,)."""
-        faces = self.model.faces[self.order]
-        longest = np.zeros(len(faces))
-        for corner in range(3):
-            ends = self.model.vertices[faces[:, [corner, corner - 1]]]
-            np.maximum(longest, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), out=longest)
-        return longest.reshape(len(self), self.size).max(axis=1)
+    def table(self) -> FaceTable:
+        """The faces in the clusters' order."""
+        return FaceTable.of(self.model, self.order)
 
     def plane_box(self, middle: Floats) -> Floats:
         """Return the largest, and then least, (n, -n . p) over each cluster's faces, (8, C).
@@ -122,63 +153,6 @@ class Clusters:
         box = np.concatenate([planes.max(axis=1), planes.min(axis=1)], axis=1)
         return np.ascontiguousarray(box.T)
 
-    @cached_property
-    def encloses(self) -> bool:
-        """Whether the surface, holes capped, is wound outwards around every part of it."""
-        model = self.model
-        if not model.is_consistent or not len(self):
-            return False
-        faces, n = model.faces, len(model.vertices)
-        edges = (np.concatenate([faces[:, 0], faces[:, 1]]), faces[:, [1, 2]].T.ravel())
-        graph = coo_array((np.ones(len(edges[0]), dtype=bool), edges), shape=(n, n))
-        parts, part_of_vertex = connected_components(graph, directed=False)
-        triangles = model.vertices[faces]
-        part_of_face = part_of_vertex[faces[:, 0]]
-        if len(self.caps):
-            triangles = np.concatenate([triangles, self.caps])
-            part_of_face = np.concatenate([part_of_face, part_of_vertex[self._boundary[:, 0]]])
-        triangles = triangles - self.middle
-        volume = np.sum(triangles[:, 0] * np.cross(triangles[:, 1], triangles[:, 2]), axis=1)
-        volumes = np.bincount(part_of_face, weights=volume, minlength=parts)
-        used = np.bincount(part_of_face, minlength=parts) > 0
-        return bool(np.all(volumes[used] > 0))
-
-    @property
-    def boundary_vertices(self) -> NDArray[np.intp]:
-        """Vertices at edges that one face alone has, (B,)."""
-        return np.unique(self._boundary)
-
-    @cached_property
-    def _boundary(self) -> NDArray[np.int64]:
-        """Edges that one face alone has, against that face's direction, (B, 2)."""
-        if self.model.is_closed:
-            return np.zeros((0, 2), dtype=np.int64)
-        start = self.model.faces.astype(np.int64).ravel()
-        end = np.roll(self.model.faces, -1, axis=1).astype(np.int64).ravel()
-        key = np.minimum(start, end) * len(self.model.vertices) + np.maximum(start, end)
-        _, first, uses = np.unique(key, return_index=True, return_counts=True)
-        alone = first[(uses == 1) & (start[first] != end[first])]
-        return np.stack([end[alone], start[alone]], axis=1)
-
-    @cached_property
-    def caps(self) -> Floats:
-        """Triangles that close the holes: a fan around the middle of each loop, (B, 3, 3)."""
-        edges = self._boundary
-        if not len(edges):
-            return np.zeros((0, 3, 3))
-        vertices, local = np.unique(edges, return_inverse=True)
-        local = local.reshape(edges.shape)
-        shape = (len(vertices), len(vertices))
-        graph = coo_array((np.ones(len(edges), dtype=bool), (local[:, 0], local[:, 1])), shape)
-        loops, loop_of_vertex = connected_components(graph, directed=False)
-        points = self.model.vertices[vertices]
-        weight = np.bincount(loop_of_vertex, minlength=loops)
-        middle = np.stack(
-            [np.bincount(loop_of_vertex, points[:, k], loops) / weight for k in range(3)], axis=1
-        )
-        a, b = points[local[:, 0]], points[local[:, 1]]
-        return np.stack([a, b, middle[loop_of_vertex[local[:, 0]]]], axis=1)
-
 
 def _morton_code(points: Floats) -> NDArray[np.uint64]:
     """Return the place of points along a Z-order curve, (N,) uint64 of 30 bits."""
@@ -191,47 +165,3 @@ def _morton_code(points: Floats) -> NDArray[np.uint64]:
             chosen = (cells[:, axis] >> np.uint64(bit)) & np.uint64(1)
             code |= chosen << np.uint64(3 * bit + axis)
     return code
-
-
-class Joined:
-    """The clusters of M models side by side, to be looked at together.
-
-    Parameters
-    ----------
-    clusters : sequence of Clusters
-        M of them, C clusters in all.
-
-    Attributes
-    ----------
-    columns : list of slice
-        Where those of each model are.
-    """
-
-    def __init__(self, clusters: Sequence[Clusters]) -> None:
-        self.clusters = clusters
-        self._sizes = list(map(len, clusters))
-        ends = np.cumsum(self._sizes).tolist()
-        self.columns = [slice(end - n, end) for end, n in zip(ends, self._sizes, strict=True)]
-        self._centre = np.concatenate([one.sphere[0] for one in clusters], axis=1)
-        self._radius = np.concatenate([one.sphere[1] for one in clusters])
-        self._longest_edge = np.concatenate([one.longest_edge for one in clusters])
-
-    def seen_small(self, depth: Floats, near: Floats, share: Floats) -> Bools:
-        """Return whose faces all lie before the eye and look small from there, (N, C) bool.
-
-        Parameters
-        ----------
-        depth : (N, 4) float64
-            ``depth @ (p, 1)`` is the distance of a point p along the optical axis.
-        near : (N,) float64
-            Least distance along it.
-        share : (M, N) float64
-            Longest edge as a share of that distance, by model.
-        """
-        # sums row by row: a matrix product's last bits depend on the other rows
-        nearest = np.einsum("nk,kc->nc", depth, self._centre)
-        nearest -= self._radius
-        is_small = nearest >= near[:, None]
-        nearest *= np.repeat(share.T, self._sizes, axis=1)
-        is_small &= nearest >= self._longest_edge
-        return is_small

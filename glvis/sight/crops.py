@@ -1,6 +1,6 @@
-"""The paper's filters on single faces (Sec. 2.1.1), in NumPy, for the criterion "centroid".
+"""The paper's filters on single points of faces (Sec. 2.1.1), in NumPy.
 
-The pixels criterion has the same filters in its shader; here they act on centres of mass.
+Shaders have the same filters for pixels, and for points where they are asked about on the GPU.
 Coordinates are kept one row each, (rows, n): taking columns of long rows, and multiplying them
 by a 3 x 3 matrix, is many times faster than the same on rows of three.
 """
@@ -8,7 +8,6 @@ by a 3 x 3 matrix, is many times faster than the same on rows of three.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
+from glvis.sight.clusters import FaceTable
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -23,48 +23,19 @@ Indices = NDArray[np.integer]
 
 # Sec. 2.1.1, CropBack: back faces are tolerated up to 20 degrees past edge on.
 _BACK_TOLERANCE = math.radians(20)
-# Pixel widths by which something must be nearer than a face to hide its centre. From 0.5 to 2
-# the agreement with centroid rays on six arms changes by 0.0001 (tools/bench prints it).
-_TOLERANCE = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class FaceTable:
-    """Faces of a model in an order in which neighbours lie side by side, T of them.
-
-    Attributes
-    ----------
-    index : (T,) int
-        Face indices of the model; a face may stand twice.
-    centroids, normals : (3, T) float64
-        Centres of mass and unit normals by coordinate.
-    """
-
-    index: Indices
-    centroids: Floats
-    normals: Floats
-
-    @classmethod
-    def of(cls, model: Model, index: Indices) -> FaceTable:
-        """Return the table of some faces of a model, in their order."""
-        return cls(
-            index,
-            np.ascontiguousarray(model.centroids[index].T),
-            np.ascontiguousarray(model.normals[index].T),
-        )
 
 
 @dataclass(frozen=True, eq=False)
 class CameraFaces:
-    """Some faces as one camera has them: n faces before it, in the camera frame.
+    """Points of some faces as one camera has them: n points before it, in the camera frame.
 
     Attributes
     ----------
     index : (n,) int
-        Face indices of the model.
+        Face indices of the model; the points are centres of mass, or several a face.
     rows : (6, n) float64
-        x and y of the centre of mass over its depth; its depth, the distance along the optical
-        axis in scene units; x, y and z of the unit normal.
+        x and y of the point over its depth; its depth, the distance along the optical axis in
+        scene units; x, y and z of the face's unit normal.
     """
 
     index: Indices
@@ -76,12 +47,12 @@ class CameraFaces:
 
     @property
     def tangent(self) -> Floats:
-        """Centres of mass in the image plane at unit distance, (2, n)."""
+        """The points in the image plane at unit distance, (2, n)."""
         return self.rows[:2]
 
     @property
     def depth(self) -> Floats:
-        """Distances of the centres along the optical axis, (n,)."""
+        """Distances of the points along the optical axis, (n,)."""
         return self.rows[2]
 
     def towards(self, x: Floats, y: Floats) -> Floats:
@@ -115,10 +86,67 @@ def in_camera(table: FaceTable, columns: Indices, camera_to_world: Floats) -> Ca
     return CameraFaces(table.index.take(columns), rows)
 
 
-def crop_centroids(faces: CameraFaces, sensor: Sensor, *, by_axis: bool) -> Bools:
-    """Return which faces pass CropFOV, CropBack, CropNorm and CropNear by their centre, (n,).
+def corners_in_camera(model: Model, index: Indices, camera_to_world: Floats) -> Floats:
+    """Return the corners of some faces (n,) of a model: corner, coordinate, face, (3, 3, n).
 
-    The incidence is that of the true ray to the centre, or of the optical axis.
+    Coordinates are x right, y up, and depth along the optical axis, scene unit.
+    """
+    faces = model.faces[index]
+    to_camera = camera_to_world[:3, :3].T * np.array([[1.0], [1.0], [-1.0]])
+    if len(index) < model.n_faces // 4:
+        used, faces = np.unique(faces, return_inverse=True)
+        vertices, faces = model.vertices[used], faces.reshape(-1, 3)
+    else:
+        vertices = model.vertices
+    places = to_camera @ (vertices - camera_to_world[:3, 3]).T
+    return np.moveaxis(places[:, faces.T], 0, 1)
+
+
+def parts_in_camera(
+    table: FaceTable,
+    model: Model,
+    columns: Indices,
+    camera_to_world: Floats,
+) -> CameraFaces:
+    """Return the centres of mass of the 64 congruent parts of some faces, as one camera has them.
+
+    Those before the camera, in its frame.
+
+    Parameters
+    ----------
+    table : FaceTable
+        Faces of the model in the world frame.
+    model : Model
+        The faces' corners.
+    columns : (n,) int
+        Which of the table.
+    camera_to_world : (4, 4) float64
+        The pose.
+    """
+    corners = corners_in_camera(model, table.index.take(columns), camera_to_world)
+    normals = camera_to_world[:3, :3].T @ table.normals.take(columns, axis=1)
+    points = np.einsum("pk,kcn->cnp", part_weights(), corners).reshape(3, -1)
+    rows = np.concatenate([points, np.repeat(normals, 64, axis=1)])
+    index = np.repeat(table.index.take(columns), 64)
+    before = np.flatnonzero(rows[2] > 0)
+    index, rows = index[before], rows[:, before]
+    rows[:2] /= rows[2]
+    return CameraFaces(index, rows)
+
+
+def part_weights() -> Floats:
+    """Return the centres of mass of a triangle's 64 congruent parts, (64, 3) barycentric."""
+    v, u = np.divmod(np.arange(64), 8)
+    uv = np.stack([u, v], axis=1).astype(float)
+    # an 8 x 8 parallelogram; the half beyond the face folds back into it
+    uv = np.where((u + v < 8)[:, None], uv + 1 / 3, 7 - uv + 2 / 3) / 8
+    return np.concatenate([1 - uv.sum(axis=1, keepdims=True), uv], axis=1)
+
+
+def crop_points(faces: CameraFaces, sensor: Sensor, *, by_axis: bool) -> Bools:
+    """Return which faces pass CropFOV, CropBack, CropNorm and CropNear by their point, (n,).
+
+    The incidence is that of the true ray to the point, or of the optical axis.
     """
     tan_x, tan_y = sensor.intrinsics.tan_half
     x, y = faces.tangent
@@ -158,49 +186,3 @@ def crop_as_paper(model: Model, camera_to_world: Floats, sensor: Sensor) -> tupl
     kept = inside[model.faces].any(axis=1) & turned & (model.areas > 0)
     far_enough = (depth >= sensor.min_distance)[model.faces]
     return kept, np.all(far_enough, axis=1)
-
-
-def unhidden(
-    faces: CameraFaces,
-    depth_buffer: NDArray[np.float32],
-    along_axis: Callable[[NDArray[np.float32]], Floats],
-    tan_half: Floats,
-) -> Bools:
-    """Return which centres nothing hides, (n,) bool, by a depth buffer.
-
-    The depth at the centre's pixel is that of the pixel's own middle, so it is compared with the
-    face's plane there, not with the centre: a slanted face does not hide itself. Something hides
-    a centre when it is nearer by more than a pixel is wide there, the bulge of a neighbour that
-    the pixel may show instead; so the map comes closer to the truth with every pixel.
-
-    Parameters
-    ----------
-    faces : CameraFaces
-        Faces whose centres lie inside the image.
-    depth_buffer : (H, W) float32
-        Of the same camera, row 0 at the top.
-    along_axis : callable
-        Turns values of the buffer into distances along the optical axis, scene unit.
-    tan_half : (2,) float64
-        Tangents of the image's half angles.
-    """
-    height, width = depth_buffer.shape
-    scale_x, scale_y = width / (2 * tan_half[0]), -height / (2 * tan_half[1])  # row 0 on top
-    x, y = faces.tangent
-    column = np.clip(x * scale_x + width / 2, 0, width - 1).astype(np.intp)
-    row = np.clip(y * scale_y + height / 2, 0, height - 1).astype(np.intp)
-    at_centre = faces.towards(x, y)
-    at_pixel = faces.towards(
-        (column + (0.5 - width / 2)) / scale_x, (row + (0.5 - height / 2)) / scale_y
-    )
-    # Nearly edge on, the plane runs away within the pixel: it is believed to half the depth.
-    at_pixel = np.where(np.abs(at_pixel) > 0.5 * np.abs(at_centre), at_pixel, 2 * at_centre)
-    at_pixel[at_pixel == 0] = 1.0  # edge on from the centre itself
-    plane = faces.depth * np.clip(at_centre / at_pixel, 0.5, 1.0)
-    pixel = faces.depth * centre_tolerance((width, height), tan_half)
-    return along_axis(depth_buffer[row, column]) >= plane - pixel
-
-
-def centre_tolerance(resolution: tuple[int, int], tan_half: Floats) -> float:
-    """Return the share of its depth by which something must be nearer to hide a centre."""
-    return 2 * _TOLERANCE * max(float(tan_half[k]) / resolution[k] for k in range(2))

@@ -2,12 +2,8 @@
 
 All surfaces of a scene are culled together: the filters for all poses and all clusters are a
 few matrix products with each cluster's bounding sphere and the box around its faces' planes.
-The cull is conservative: it never changes a map.
-
-A back face may only be left out where no ray of the camera can meet it first. That holds for a
-consistently wound surface that encloses a volume, seen from outside its bounding box. Where the
-surface has holes, imagine each hole closed by a fan of triangles: a ray that meets a back
-face first must have come in through such a cap, so the camera must be behind all of the caps.
+The cull is conservative: it never changes a map. Clusters that look away are kept where they may
+hide something, for nothing proves of an ordinary mesh that no ray meets a back face first.
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ _SLACK = 1e-5  # of the cosine of the largest incidence, which float32 may round
 
 
 class Chosen(NamedTuple):
-    """What is left of a surface.
+    """What is left of a surface of C clusters.
 
     Attributes
     ----------
@@ -69,18 +65,6 @@ class Culling:
         self._plane_box = np.concatenate([one.plane_box(self._middle) for one in clusters], axis=1)
         slack = np.array([one.slack for one in clusters])
         self._slack = np.repeat(slack, self._sizes)
-        self._encloses = np.array([one.encloses for one in clusters])
-        low, high = np.stack([one.model.bounds for one in clusters], axis=1)
-        self._low, self._high = low - slack[:, None], high + slack[:, None]
-        # holes matter where back faces could be left out but for them
-        of_model = [one.caps if one.encloses else np.zeros((0, 3, 3)) for one in clusters]
-        caps = np.concatenate(of_model)
-        self._of_cap = np.repeat(np.arange(len(clusters)), list(map(len, of_model)))
-        self._cap_slack = np.tile(slack[self._of_cap], 3)
-        self._cap_normal = np.cross(caps[:, 1] - caps[:, 0], caps[:, 2] - caps[:, 0])
-        self._cap_offset = np.sum(self._cap_normal * caps[:, 0], axis=1)
-        # homogeneous, (4, 3 B): all first corners, then all second ones
-        self._cap_corners = np.concatenate([caps.T.reshape(3, -1), np.ones((1, 3 * len(caps)))])
 
     def chosen(self, views: Views) -> dict[Surface, Chosen]:
         """Return what views keep of each surface."""
@@ -90,13 +74,10 @@ class Culling:
         faces = mask & (height >= 0)
         min_cos = views.min_ray_cos[:, None] * (1 - _SLACK)
         candidates = faces & (height >= min_cos * self.least_distance(eye))
-        cull_backs = self.hides_back_faces(eye, planes)
-        mask = np.where(np.repeat(cull_backs, self._sizes, axis=1), faces, mask)
         kept, begin = {}, 0
-        for m, (surface, size) in enumerate(zip(self._surfaces, self._sizes, strict=True)):
+        for surface, size in zip(self._surfaces, self._sizes, strict=True):
             mine = slice(begin, begin + size)
-            to_draw = Selection(surface, mask[:, mine], cull_backs[:, m])
-            kept[surface] = Chosen(to_draw, candidates[:, mine])
+            kept[surface] = Chosen(Selection(surface, mask[:, mine]), candidates[:, mine])
             begin += size
         return kept
 
@@ -137,23 +118,3 @@ class Culling:
             offset = eye[:, axis : axis + 1] - self._centre[axis]
             squared += np.square(offset, out=offset)
         return np.subtract(np.sqrt(squared, out=squared), self._radius, out=squared)
-
-    def hides_back_faces(self, eye: Floats, planes: Floats) -> Bools:
-        """Return from which poses no ray can meet a back face first, (N, M) bool.
-
-        Parameters
-        ----------
-        eye : (N, 3) float64
-            Optical centres in the world.
-        planes : (N, K, 4) float64
-            Frusta as for ``in_frustum``; a cap outside the frustum lets nothing in.
-        """
-        place = eye[:, None]
-        safe = ((place < self._low) | (place > self._high)).any(axis=2) & self._encloses
-        if len(self._of_cap):
-            behind = eye @ self._cap_normal.T <= self._cap_offset
-            below = planes.reshape(-1, 4) @ self._cap_corners < -self._cap_slack
-            below = below.reshape(len(eye), -1, 3, len(self._of_cap))
-            view, cap = np.nonzero(~(behind | below.all(axis=2).any(axis=1)))
-            safe[view, self._of_cap[cap]] = False
-        return safe

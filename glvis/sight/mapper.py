@@ -1,50 +1,39 @@
 """From poses to visibility maps: the steps of Sec. 2.1 in order, for one model.
 
-CropFOV and CropBack leave clusters of faces out of the draw; the draw's depth test is the ray
-tracing; the shader refuses by incidence and distance (CropNorm, CropNear); what is left in the
-ID buffer is the map. The criterion "centroid" draws depth alone and tests every face's centre
-against it.
+CropFOV, CropBack and CropNear leave clusters of faces out; then either points of faces are asked
+about, each decided by the planes of what may hide it (``caster`` on the GPU, ``points`` in NumPy),
+or the ID buffer of a render is the map: its depth test is the ray tracing, and its shader refuses by
+incidence and distance (CropNorm, CropNear).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.caster import Look, can_hold
 from glvis.sight.clusters import Clusters
-from glvis.sight.coarser import StandIns
 from glvis.sight.crops import (
     CameraFaces,
-    FaceTable,
-    centre_tolerance,
+    corners_in_camera,
     crop_as_paper,
-    crop_centroids,
+    crop_points,
     faces_sensor,
     in_camera,
-    unhidden,
+    parts_in_camera,
 )
-from glvis.sight.culling import Chosen, Culling
-from glvis.sight.renderer import Renderer, Selection, depth_along_axis, faces_in_images
+from glvis.sight.culling import Chosen
+from glvis.sight.points import Question, beside, grid_size, large_shares, spans, unhidden
+from glvis.sight.renderer import Renderer, Selection, faces_in_images
 from glvis.sight.surface import Surface
-from glvis.sight.views import Views
-from glvis.sight.visibility import VisibilityOptions, render_resolution, takes_second_look
-from glvis.sight.worklist import Rules
+from glvis.sight.views import NEAREST, Views
+from glvis.sight.visibility import VisibilityOptions, asks_about_points, render_resolution
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-# Centres looked at together: so many that NumPy's own overhead does not count, and so few that
-# what is computed of them stays in a core's cache.
-_AT_ONCE = 8192
-# In the paper's semantics the image is widened to the centres of all faces that are left,
-# with a margin against rounding; wider than this tangent (87 degrees) no image is drawn.
-_MARGIN, _WIDEST = 1.001, 20.0
 
 
 class Mapper:
@@ -63,9 +52,7 @@ class Mapper:
     renderer_of : callable
         Returns the renderer of a resolution (width, height).
     casts : bool
-        Whether small faces are cast; see ``Caster`` and ``selftest.can_cast``.
-    stand_ins : StandIns
-        What hides centres in place of surfaces of many faces.
+        Whether points are asked about on the GPU; see ``selftest.can_cast``.
     """
 
     def __init__(
@@ -77,55 +64,35 @@ class Mapper:
         renderer_of: Callable[[tuple[int, int]], Renderer],
         *,
         casts: bool,
-        stand_ins: StandIns,
     ) -> None:
-        self._casts, self._stand_ins = casts, stand_ins
         self.model, self.options, self.origin = model, options, origin
         self.surface = Surface(Clusters.of(model), origin, is_target=True)
-        self._table = FaceTable.of(model, self.surface.clusters.order)
+        self._table = self.surface.clusters.table
         self._obstacles = obstacles
         self._renderer_of = renderer_of
-        self._asked: dict[Sensor, tuple[tuple[int, int], Rules]] = {}
+        # the paper's semantics drops faces one by one before they can hide anything
+        self._casts = casts and asks_about_points(options) and options.occlusion == "physical"
+        self._questions: dict[Sensor, Question] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
         self.surface.release()
 
-    def look(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Look | None:
-        """Return what a caster is asked, or None where all must be drawn.
-
-        Parameters are those of ``visible``. The paper's semantics mean its occlusion, and that
-        only a draw has.
-        """
-        if not self._casts or self.options.occlusion != "physical":
+    def question(self, sensor: Sensor) -> Question | None:
+        """Return what a ``Caster`` is asked for a sensor's maps; None where ``visible`` makes them."""
+        if not self._casts:
             return None
-        size, rules = self._asked_by(sensor)
-        if not can_hold(size):
-            return None
-        targets, candidates = chosen[self.surface]
-        hiding = self._hiding(chosen)
-        if self.options.criterion == "centroid":
-            targets, *hiding = self._coarser([targets, *hiding], views, size)
-        return Look(targets, candidates, hiding, rules, self._renderer_of(size))
-
-    def _asked_by(self, sensor: Sensor) -> tuple[tuple[int, int], Rules]:
-        """Return the resolution of a sensor's views and what counts in them, worked out once."""
-        if sensor not in self._asked:
-            options = self.options
-            size = render_resolution(options, sensor, self.model)
-            by_pixels = options.criterion == "pixels"
-            self._asked[sensor] = (
-                size,
-                Rules(
-                    min_pixels=options.min_pixels if by_pixels else 0,
-                    by_centre=not by_pixels or takes_second_look(options),
-                    tolerance=centre_tolerance(size, sensor.intrinsics.tan_half),
-                ),
+        if sensor not in self._questions:
+            self._questions[sensor] = Question(
+                self.surface,
+                [self.surface, *self._obstacles],
+                grid_size(sensor, self.model),
+                large_shares(self.options),
             )
-        return self._asked[sensor]
+        return self._questions[sensor]
 
     def visible(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
-        """Return which faces each view sees where all is drawn, (N, F) bool.
+        """Return which faces each view sees, (N, F) bool.
 
         Parameters
         ----------
@@ -138,128 +105,91 @@ class Mapper:
         """
         if self.options.semantics == "paper":
             return self._by_paper(views, sensor)
-        if self.options.criterion == "centroid":
-            return self._by_centroid(views, sensor, chosen)
+        if asks_about_points(self.options):
+            return self._by_points(views, sensor, chosen)
         return self._by_pixels(views, sensor, chosen)
-
-    def _coarser(
-        self, selections: Sequence[Selection], views: Views, size: tuple[int, int]
-    ) -> list[Selection]:
-        """Return what hides centres; what is left of the selections themselves comes first."""
-        instead = [self._stand_ins.instead_of(one, views, size) for one in selections]
-        return [one[0] for one in instead] + [coarse for one in instead for coarse in one[1:]]
 
     def _by_pixels(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces whose ID shows in enough pixels (the paper's sweeping strategy)."""
         options = self.options
         targets, candidates = chosen[self.surface]
         if options.occlusion == "paper":  # backs hide nothing
-            targets = Selection(self.surface, candidates, np.ones(len(views), dtype=bool))
-        renderer = self._renderer_of(render_resolution(options, sensor, self.model))
+            targets = Selection(self.surface, candidates)
+        resolution = render_resolution(options, sensor)
+        assert resolution is not None
+        renderer = self._renderer_of(resolution)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        second_look = takes_second_look(options)
         for first, images in renderer.id_images(
             views,
-            [targets, *self._hiding(chosen)],
+            [targets, *(chosen[obstacle].to_draw for obstacle in self._obstacles)],
             origin=self.origin,
             refused_hide=options.occlusion == "physical",
         ):
-            n = len(images)
-            visible[first : first + n] = faces_in_images(
+            visible[first : first + len(images)] = faces_in_images(
                 images, self.model.n_faces, options.min_pixels
             )
-            if second_look:
-                depths = renderer.read_depths(n)
-                self._look_again(visible, first, depths, views, candidates, sensor)
         return visible
 
-    def _by_centroid(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
-        """Return the faces whose centre passes every filter and is hidden by nothing."""
-        occluders, candidates = chosen[self.surface]
-        size = render_resolution(self.options, sensor, self.model)
-        if self.options.occlusion == "paper":
-            # what CropBack and CropNorm refuse is gone before anything is hidden
-            kept = np.zeros((len(views), self.model.n_faces), dtype=bool)
-            for view, pose in enumerate(views.camera_to_world):
-                places = self.surface.clusters.places_in(candidates[view])
-                faces = in_camera(self._table, places, pose)
-                kept[view, faces.index] = faces_sensor(faces, sensor, by_axis=self._by_axis)
-            hiding = [_selection_of_faces(self.surface, kept), *self._hiding(chosen)]
-        else:
-            hiding = self._coarser([occluders, *self._hiding(chosen)], views, size)
+    def _by_points(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
+        """Return the faces of which a point passes every filter and is hidden by nothing."""
+        clusters = self.surface.clusters
+        by_axis, large = self.options.incidence == "axis", large_shares(self.options)
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
-        renderer = self._renderer_of(size)
-        for first, images in renderer.depth_images(views, hiding, origin=self.origin):
-            self._look_again(visible, first, images, views, candidates, sensor)
+        for view, (seen, pose) in enumerate(zip(visible, views.camera_to_world, strict=True)):
+            places = clusters.places_in(chosen[self.surface].candidates[view])
+            faces = in_camera(self._table, places, pose)
+            hiding = clusters.places_in(chosen[self.surface].to_draw.mask[view])
+            hiding = clusters.order[hiding]
+            if self.options.occlusion == "paper":
+                # what CropBack and CropNorm refuse is gone before anything is hidden
+                hiding = faces.index[faces_sensor(faces, sensor, by_axis=by_axis)]
+            triangles = [corners_in_camera(self.model, hiding, pose)]
+            for obstacle in self._obstacles:
+                order = obstacle.clusters.order
+                some = obstacle.clusters.places_in(chosen[obstacle].to_draw.mask[view])
+                triangles.append(corners_in_camera(obstacle.clusters.model, order[some], pose))
+            occluders = np.concatenate(triangles, axis=2)
+            _mark(seen, faces[crop_points(faces, sensor, by_axis=by_axis)], occluders, sensor)
+            if large:
+                closer = self._closer(places, seen, pose, sensor, large)
+                parts = parts_in_camera(self._table, self.model, closer, pose)
+                _mark(seen, parts[crop_points(parts, sensor, by_axis=by_axis)], occluders, sensor)
         return visible
+
+    def _closer(
+        self,
+        places: NDArray[np.intp],
+        seen: Bools,
+        pose: Floats,
+        sensor: Sensor,
+        large: tuple[float, float],
+    ) -> NDArray[np.intp]:
+        """Return which of some faces are looked at in many points: large ones not seen (F,) yet."""
+        index = self._table.index.take(places)
+        looks = pose[:3, 3] @ self._table.normals.take(places, axis=1) > self._table.offsets[places]
+        looks &= ~seen[index]
+        places, index = places[looks], index[looks]
+        corners = corners_in_camera(self.model, index, pose)
+        tan_half = np.array(sensor.intrinsics.tan_half)[:, None]
+        share = spans(corners, tan_half, NEAREST * sensor.max_distance)
+        return places[share >= np.where(beside(self.model, seen, index), *large)]
 
     def _by_paper(self, views: Views, sensor: Sensor) -> Bools:
         """Return the paper's own map: its filters, then one ray to each centre that is left."""
-        n = len(views)
-        kept = np.zeros((n, self.model.n_faces), dtype=bool)
-        far_enough = np.zeros_like(kept)
-        tan_half = views.tan_half.copy()
-        in_view = []
-        for view, pose in enumerate(views.camera_to_world):
-            kept[view], far_enough[view] = crop_as_paper(self.model, pose, sensor)
-            faces = in_camera(self._table, np.flatnonzero(kept[view, self._table.index]), pose)
-            in_view.append(faces)
-            # a face is kept for one vertex in the frustum: its centre may lie outside
-            reach = np.abs(faces.tangent).max(axis=1, initial=0) * _MARGIN
-            tan_half[view] = np.minimum(np.maximum(tan_half[view], reach), _WIDEST)
-        views = replace(views, tan_half=tan_half)
-        hiding = self._hiding(Culling(self._obstacles).chosen(views)) if self._obstacles else []
-        renderer = self._renderer_of(render_resolution(self.options, sensor, self.model))
-        visible = np.zeros_like(kept)
-        for first, images in renderer.depth_images(
-            views,
-            [_selection_of_faces(self.surface, kept), *hiding],
-            origin=self.origin,
-        ):
-            for view, image in enumerate(images, start=first):
-                faces = in_view[view]
-                visible[view, faces.index] = self._free(faces, image, views, view)
-        return visible & far_enough
-
-    def _look_again(
-        self,
-        visible: Bools,
-        first: int,
-        depths: NDArray[np.float32],
-        views: Views,
-        candidates: Bools,
-        sensor: Sensor,
-    ) -> None:
-        """Mark, in place, further faces whose centre is free in view ``first`` and following."""
-        for view, depth in enumerate(depths, start=first):
-            places = self.surface.clusters.places_in(candidates[view])
-            places = places[~visible[view, self._table.index.take(places)]]
-            for some in np.array_split(places, len(places) // _AT_ONCE + 1):
-                faces = in_camera(self._table, some, views.camera_to_world[view])
-                faces = faces[crop_centroids(faces, sensor, by_axis=self._by_axis)]
-                free = self._free(faces, depth, views, view)
-                visible[view, faces.index[free]] = True
-
-    def _free(
-        self, faces: CameraFaces, depth: NDArray[np.float32], views: Views, view: int
-    ) -> Bools:
-        """Return which centres nothing hides in one view, (n,) bool."""
-        return unhidden(
-            faces,
-            depth,
-            lambda d: depth_along_axis(d, views.clip_near[view], views.clip_far[view]),
-            views.tan_half[view],
-        )
-
-    @property
-    def _by_axis(self) -> bool:
-        return self.options.incidence == "axis"
-
-    def _hiding(self, chosen: Mapping[Surface, Chosen]) -> list[Selection]:
-        """Return what to draw of the obstacles."""
-        return [chosen[obstacle].to_draw for obstacle in self._obstacles]
+        visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
+        for seen, pose in zip(visible, views.camera_to_world, strict=True):
+            kept, far_enough = crop_as_paper(self.model, pose, sensor)
+            faces = in_camera(self._table, np.flatnonzero(kept[self._table.index]), pose)
+            triangles = [corners_in_camera(self.model, np.flatnonzero(kept), pose)]
+            for obstacle in self._obstacles:
+                clusters = obstacle.clusters
+                triangles.append(corners_in_camera(clusters.model, clusters.order, pose))
+            _mark(seen, faces, np.concatenate(triangles, axis=2), sensor)
+            seen &= far_enough
+        return visible
 
 
-def _selection_of_faces(surface: Surface, mask: Bools) -> Selection:
-    """Return the draw of single faces (N, F) bool, both their sides."""
-    return Selection(surface, mask, np.zeros(len(mask), dtype=bool), by_face=True)
+def _mark(seen: Bools, faces: CameraFaces, occluders: Floats, sensor: Sensor) -> None:
+    """Mark the faces (F,) bool, in place, of which a point is not hidden by (3, 3, T) triangles."""
+    points = np.concatenate([faces.tangent * faces.depth, faces.depth[None]])
+    seen[faces.index[unhidden(points, occluders, NEAREST * sensor.max_distance)]] = True

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.sight.caster import Caster
+from glvis.sight.caster import Caster, can_hold
 from glvis.sight.clusters import Clusters
-from glvis.sight.coarser import StandIns
 from glvis.sight.context import GlInfo, gl_info
 from glvis.sight.culling import Culling
 from glvis.sight.mapper import Mapper
@@ -31,10 +30,9 @@ if TYPE_CHECKING:
     from glvis.inputs.study import Study
     from glvis.sight.visibility import VisibilityOptions
 
-# Poses that are culled together: on a CPU few, so that their masks stay in its cache. Hardware
-# wants many; what is listed of clusters, 4 bytes each, must fit into a storage buffer, of which
-# OpenGL 4.3 grants 16 MiB at least: a quarter of it, as coarser occluders may have thrice as many.
-_AT_ONCE_ON_CPU, _MOST_LISTED = 16, 1 << 20
+# Poses that are looked at together: on a CPU few, so that their masks stay in its cache. Hardware
+# wants many; masks of so many clusters take as much memory in NumPy as there is to spare.
+_AT_ONCE_ON_CPU, _MOST_MASKED = 16, 1 << 24
 
 Bits = NDArray[np.uint8]  # (N, sum of ceil(F / 8) over models), as numpy.packbits has them
 
@@ -141,26 +139,19 @@ class LocalMaps:
         self._obstacles = [
             Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
         ]
-        self._stand_ins = StandIns(origin)
         self._by_axis = scene.visibility.incidence == "axis"
+        most = max(model.n_faces for model in (*scene.models, *scene.obstacles))
+        casts = can_cast() and can_hold(most)
         self._mappers = [
             Mapper(
-                model,
-                self._obstacles,
-                scene.visibility,
-                origin,
-                self._renderer_of,
-                casts=can_cast(),
-                stand_ins=self._stand_ins,
+                model, self._obstacles, scene.visibility, origin, self._renderer_of, casts=casts
             )
             for model in scene.models
         ]
-        # a model's clusters are cast and judged, an obstacle's cast beside every model
-        hiding = sum(len(surface.clusters) for surface in self._obstacles)
-        listed = sum(2 * len(mapper.surface.clusters) + hiding for mapper in self._mappers)
-        fitting = max(1, _MOST_LISTED // max(1, listed))
+        surfaces = [*(mapper.surface for mapper in self._mappers), *self._obstacles]
+        self._culling = Culling(surfaces)
+        fitting = max(1, _MOST_MASKED // max(1, sum(map(len, (s.clusters for s in surfaces)))))
         self._at_once = min(fitting, _AT_ONCE_ON_CPU) if self.gl.is_software else fitting
-        self._culling = Culling([*(mapper.surface for mapper in self._mappers), *self._obstacles])
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
         """Yield the maps of each job, in their order."""
@@ -173,14 +164,16 @@ class LocalMaps:
         corners = self._culling.corners
         views = Views.of(job.camera_to_world, sensor, corners, by_axis=self._by_axis)
         chosen = self._culling.chosen(views)
-        looks = [mapper.look(views, sensor, chosen) for mapper in self._mappers]
-        to_cast = [look for look in looks if look]
-        cast = iter(self._caster.visible(views, to_cast, origin=self._origin))
-        visible = [
-            next(cast) if look else mapper.visible(views, sensor, chosen)
-            for mapper, look in zip(self._mappers, looks, strict=True)
-        ]
-        return np.concatenate([np.packbits(found, axis=1) for found in visible], axis=1)
+        found = []
+        for mapper in self._mappers:
+            question = mapper.question(sensor)
+            visible = None
+            if question:
+                visible = self._caster.visible(views, question, chosen, self._origin)
+            if visible is None:
+                visible = mapper.visible(views, sensor, chosen)
+            found.append(np.packbits(visible, axis=1))
+        return np.concatenate(found, axis=1)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -188,7 +181,6 @@ class LocalMaps:
             mapper.release()
         for surface in self._obstacles:
             surface.release()
-        self._stand_ins.release()
         self._caster.release()
         for renderer in self._renderers.values():
             renderer.release()

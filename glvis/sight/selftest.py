@@ -14,13 +14,14 @@ import numpy as np
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
-from glvis.sight.caster import Caster, Look, has_compute
+from glvis.sight.caster import Caster, has_compute
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_info
+from glvis.sight.culling import Culling
+from glvis.sight.points import Question
 from glvis.sight.renderer import Renderer, Selection, depth_along_axis
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
-from glvis.sight.worklist import Rules
 
 _SIZE = 8  # pixels a side: each covers one unit of the wall below
 
@@ -32,10 +33,9 @@ def can_cast() -> bool:
         return False
     try:
         return all(
-            np.array_equal(_cast(wall_cells, plate_cells, rules), _on_wall(wall_cells, rules))
-            # all is cast; the wall's two faces are drawn behind a plate that is cast
-            for wall_cells, plate_cells, pixels in (((10, 8), (1, 1), 1), ((1, 1), (8, 16), 15))
-            for rules in (Rules(pixels, False, 0.0), Rules(0, True, 0.1))
+            np.array_equal(_cast(cells, large), _on_wall(cells, large))
+            # small faces; two that are larger than the image, by their centres and all over
+            for cells, large in (((10, 8), None), ((1, 1), None), ((1, 1), (1.0, 0.5)))
         )
     except MachineError:  # its compiler refuses a shader
         return False
@@ -71,8 +71,8 @@ def _view() -> Views:
 def _wall_grid(cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower left corner and the size of a cell of the wall that is cast, (2,) each.
 
-    Cells of one unit are shifted, so that no pixel's middle lies on an edge. A single cell is twice
-    as large and reaches around the eye: it is drawn, whatever else is cast.
+    Cells are shifted, so that no centre lies where the plate ends. A single one reaches around the
+    eye.
     """
     corner, size = np.array([-5.0, -4.0]), np.array([10.0, 8.0])
     return (2 * corner, 2 * size) if cells == (1, 1) else (corner - [0.3, 0.1], size / cells)
@@ -90,45 +90,35 @@ def _grid(corner: np.ndarray, cell: np.ndarray, cells: tuple[int, int], z: float
     )
 
 
-def _cast(wall_cells: tuple[int, int], plate_cells: tuple[int, int], rules: Rules) -> np.ndarray:
+def _cast(cells: tuple[int, int], large: tuple[float, float] | None) -> np.ndarray:
     """Return which faces of the wall a Caster sees beside the plate."""
-    corner, cell = _wall_grid(wall_cells)
-    plate = np.array([2.0, 4.0]) / plate_cells
     models = [
-        _grid(corner, cell, wall_cells, -8.0),
-        _grid(np.array([0.0, -2.0]), plate, plate_cells, -4.0),
+        _grid(*_wall_grid(cells), cells, -8.0),
+        _grid(np.array([0.0, -2.0]), np.array([2.0, 4.0]), (1, 1), -4.0),
     ]
     surfaces = [Surface(Clusters.of(model), np.zeros(3), k == 0) for k, model in enumerate(models)]
-    selections = [
-        Selection(surface, np.ones((1, len(surface.clusters)), bool), np.zeros(1, bool))
-        for surface in surfaces
-    ]
-    caster, renderer = Caster(), Renderer((_SIZE, _SIZE))
-    look = Look(selections[0], selections[0].mask, selections[1:], rules, renderer)
+    caster = Caster()
     try:
-        return caster.visible(_view(), [look], origin=np.zeros(3))[0][0]
+        question = Question(surfaces[0], surfaces, (_SIZE, _SIZE), large)
+        view = _view()
+        chosen = Culling(surfaces).chosen(view)
+        found = caster.visible(view, question, chosen, np.zeros(3))
+        return np.zeros(0) if found is None else found[0]
     finally:
         caster.release()
-        renderer.release()
         for surface in surfaces:
             surface.release()
 
 
-def _on_wall(cells: tuple[int, int], rules: Rules) -> np.ndarray:
+def _on_wall(cells: tuple[int, int], large: tuple[float, float] | None) -> np.ndarray:
     """Return the same by hand: the plate hides all of x > 0."""
+    if large:  # half of the picture shows both faces
+        return np.ones(2, dtype=bool)
     corner, cell = _wall_grid(cells)
-    if rules.by_centre:
-        i, j, is_upper = np.indices((*cells, 2)).reshape(3, -1)
-        x = corner[0] + cell[0] * (i + (2 - is_upper) / 3)
-        y = corner[1] + cell[1] * (j + (1 + is_upper) / 3)
-        return (x > -4) & (x < 0) & (np.abs(y) < 4)
-    middle = np.arange(_SIZE) - 3.5
-    x, y = np.meshgrid(middle[middle < 0], middle)
-    place = (np.stack([x.ravel(), y.ravel()], axis=1) - corner) / cell
-    i, j = np.floor(place).astype(int).T
-    u, v = (place % 1).T
-    face = 2 * (i * cells[1] + j) + (v > u)
-    return np.bincount(face, minlength=2 * cells[0] * cells[1]) >= rules.min_pixels
+    i, j, is_upper = np.indices((*cells, 2)).reshape(3, -1)
+    x = corner[0] + cell[0] * (i + (2 - is_upper) / 3)
+    y = corner[1] + cell[1] * (j + (1 + is_upper) / 3)
+    return (x > -4) & (x < 0) & (np.abs(y) < 4)
 
 
 def _pictures() -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -145,7 +135,7 @@ def _pictures() -> list[tuple[str, np.ndarray, np.ndarray]]:
     expected_ids = np.where(x < 0, np.where(y > 0.8 * x, 2, 1), 0)
     drawn_ids = np.zeros_like(expected_ids)
     surface = Surface(Clusters.of(model), np.zeros(3), is_target=True)
-    selection = Selection(surface, np.ones((1, len(surface.clusters)), bool), np.zeros(1, bool))
+    selection = Selection(surface, np.ones((1, len(surface.clusters)), bool))
     with Renderer((_SIZE, _SIZE)) as renderer:
         for _ in range(2):  # the second time over what the first has left
             for _, images in renderer.id_images(view, [selection], origin=np.zeros(3)):

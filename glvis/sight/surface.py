@@ -25,8 +25,10 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 VERTEX = np.dtype([("position", "f4", 3), ("face_id", "u4"), ("normal", "f4", 3)])
-# As cast.comp.glsl has it: words of a packed face, bits of a coordinate, faces a line.
+# As the shaders have it: words of a packed face, bits of a coordinate; faces and clusters a line
+# of their textures.
 _WORDS, _BITS, _FACES_A_LINE = 8, 28, 2048
+_CLUSTERS_A_LINE = 1024
 _FORMATS = {"position": "3f", "face_id": "1u", "normal": "3f"}  # as moderngl writes them
 
 
@@ -51,7 +53,7 @@ class Surface:
     def __init__(self, clusters: Clusters, origin: Floats, is_target: bool) -> None:
         self.clusters, self._origin, self._is_target = clusters, origin, is_target
         self._layouts: dict[str, Layout] = {}
-        self._packed: Any = None
+        self._textures: dict[str, Any] = {}
         middle, step = _lattice(clusters)
         self.lattice = (*(middle - origin).tolist(), step)
 
@@ -64,19 +66,45 @@ class Surface:
         self._layout("ids" if "face_id" in program else "positions").draw(program, mask)
 
     def use_packed(self, unit: int) -> None:
-        """Bind the faces' corners as a texture, for cast.comp.glsl."""
-        if self._packed is None:
-            self._packed = _texture(packed(self.clusters))
-        self._packed.use(unit)
+        """Bind the faces' corners as a texture, for the shaders that cast."""
+        self._use("packed", unit, lambda: (packed(self.clusters), _FACES_A_LINE, _WORDS // 4))
+
+    def use_centres(self, unit: int) -> None:
+        """Bind the faces' centres of mass and normals, two texels a face, float bits."""
+        self._use("centres", unit, lambda: (self._centres(), _FACES_A_LINE, 2))
+
+    def use_boxes(self, unit: int) -> None:
+        """Bind the box around each cluster, two texels each: see keep.comp.glsl."""
+        self._use("boxes", unit, lambda: (self._boxes(), _CLUSTERS_A_LINE, 2))
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for layout in self._layouts.values():
-            layout.release()
+        for part in (*self._layouts.values(), *self._textures.values()):
+            part.release()
         self._layouts.clear()
-        if self._packed is not None:
-            self._packed.release()
-            self._packed = None
+        self._textures.clear()
+
+    def _use(self, name: str, unit: int, rows: Callable[[], tuple[NDArray[Any], int, int]]) -> None:
+        """Bind a texture, made when first used of rows, rows a line and texels a row."""
+        if name not in self._textures:
+            self._textures[name] = _texture(*rows())
+        self._textures[name].use(unit)
+
+    def _centres(self) -> NDArray[np.uint32]:
+        """Return centre and normal of each face in the order of the clusters, (F', 8) words."""
+        model, order = self.clusters.model, self.clusters.order
+        rows = np.zeros((len(order), 8), dtype=np.float32)
+        rows[:, :3] = model.centroids[order] - self._origin
+        rows[:, 4:7] = model.normals[order]
+        return rows.view(np.uint32)
+
+    def _boxes(self) -> NDArray[np.float32]:
+        """Return middle and half extent of the box around each cluster, (C, 8)."""
+        low, high = self.clusters.box
+        rows = np.zeros((len(low), 8), dtype=np.float32)
+        rows[:, :3] = (low + high) / 2 - self._origin
+        rows[:, 4:7] = (high - low) / 2
+        return rows
 
     def _layout(self, name: str) -> Layout:
         if name not in self._layouts:
@@ -169,24 +197,21 @@ def packed(clusters: Clusters) -> NDArray[np.uint32]:
     """Return the corners of each face in the order of its cluster, on a lattice, (F', 8) words.
 
     Nine coordinates of 28 bits a face, so that corners that faces share stay shared. Faces of a
-    millionth of the model's extent keep their shape, those of a ten millionth do not. Rows of
-    zeros fill the last line.
+    millionth of the model's extent keep their shape, those of a ten millionth do not.
     """
     middle, step = _lattice(clusters)
     model = clusters.model
     places = np.rint((model.vertices - middle) / step).astype(np.int32) + (1 << (_BITS - 1))
     corners = places.view(np.uint32)
     faces = model.faces[clusters.order]
-    lines = max(1, -(-len(faces) // _FACES_A_LINE))
-    rows = np.zeros((lines * _FACES_A_LINE, _WORDS), dtype=np.uint32)
-    words = rows[: len(faces)]
+    words = np.zeros((len(faces), _WORDS), dtype=np.uint32)
     for word in range(_WORDS):
         words[:, word] = corners[faces[:, word // 3], word % 3]
     last = corners[faces[:, 2], 2]
     spare = 32 - _BITS  # bits of each word that the last coordinate is spread over
     for word in range(_BITS // spare):
         words[:, word] |= (last >> (spare * word) & ((1 << spare) - 1)) << _BITS
-    return rows
+    return words
 
 
 def _lattice(clusters: Clusters) -> tuple[Floats, float]:
@@ -195,10 +220,13 @@ def _lattice(clusters: Clusters) -> tuple[Floats, float]:
     return clusters.middle, max(extent, np.finfo(np.float32).tiny) / (2**_BITS - 2)
 
 
-def _texture(rows: NDArray[np.uint32]) -> Any:
-    """Return a texture that holds packed faces, two texels each."""
-    size = (_FACES_A_LINE * _WORDS // 4, len(rows) // _FACES_A_LINE)
-    texture = gl_context().texture(size, 4, rows, dtype="u4")
+def _texture(rows: NDArray[Any], rows_a_line: int, texels: int) -> Any:
+    """Return a texture of rows of some texels each, so many rows a line; zeros fill the last."""
+    lines = max(1, -(-len(rows) // rows_a_line))
+    filled = np.zeros((lines * rows_a_line, rows.shape[1]), dtype=rows.dtype)
+    filled[: len(rows)] = rows
+    kind = "u4" if rows.dtype == np.uint32 else "f4"
+    texture = gl_context().texture((rows_a_line * texels, lines), 4, filled, dtype=kind)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
@@ -213,12 +241,11 @@ def compiled_compute(name: str, *defines: str) -> Any:
 @cache
 def compiled(name: str, *defines: str) -> Any:
     """Return the compiled program of ``shaders/<name>.*.glsl``."""
-    version = 430 if "BEHIND_CAST" in defines else 0  # storage buffers
     return _compiled(
         f"{name}.*.glsl",
         lambda: gl_context().program(
-            vertex_shader=shader_source(f"{name}.vert.glsl", *defines, version=version),
-            fragment_shader=shader_source(f"{name}.frag.glsl", *defines, version=version),
+            vertex_shader=shader_source(f"{name}.vert.glsl", *defines),
+            fragment_shader=shader_source(f"{name}.frag.glsl", *defines),
         ),
     )
 

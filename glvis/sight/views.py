@@ -104,28 +104,6 @@ class Views:
         return rigid_inverse(self.camera_to_world)
 
     @cached_property
-    def depth_plane(self) -> Floats:
-        """``depth_plane @ (p, 1)`` is a point's distance along the optical axis, (N, 4)."""
-        return -self.world_to_camera[:, 2]
-
-    def windows(self, points: Floats, resolution: tuple[int, int]) -> NDArray[np.intp]:
-        """Return the pixels that hold points (P, 3): left, bottom, width, height, (N, 4).
-
-        At least one pixel, and the whole image where a point is not safely before the eye.
-        """
-        homogeneous = np.concatenate([points, np.ones((len(points), 1))], axis=1)
-        x, y, z = np.moveaxis(self.world_to_camera[:, :3] @ homogeneous.T, 1, 0)
-        size = np.array(resolution)
-        whole = np.any(-z <= self.clip_near[:, None], axis=1)
-        depth = np.where(whole[:, None], 1.0, -z)
-        pixel = (np.stack([x, y], axis=1) / depth[:, None] / self.tan_half[:, :, None] + 1) / 2
-        pixel *= size[:, None]
-        low = np.clip(np.floor(pixel.min(axis=2)) - 1, 0, size - 1)
-        high = np.clip(np.ceil(pixel.max(axis=2)) + 1, low + 1, size)
-        low[whole], high[whole] = 0, size
-        return np.concatenate([low, high - low], axis=1).astype(np.intp)
-
-    @cached_property
     def planes(self) -> Floats:
         """Inward unit planes of the frusta: left, right, bottom, top, maxD; (N, 5, 4)."""
         planes = np.zeros((len(self), 5, 4))

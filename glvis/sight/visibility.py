@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 
 # What ``semantics = "paper"`` means for the other options (Sec. 2.1.1).
@@ -28,7 +26,8 @@ class VisibilityOptions:
     min_pixels : int
         For "pixels".
     resolution : str or tuple of int
-        Pixels of a render: "auto", "sensor" (its own) or (width, height).
+        Pixels that decide by "pixels": "sensor" (its own) or (width, height); "auto": none do,
+        points of faces are asked about, see ``asks_about_points``.
     incidence : str
         Angle between the normal and the true "ray" or the optical "axis".
     occlusion : str
@@ -126,46 +125,19 @@ class VisibilityMap:
         return float(np.count_nonzero(self.counts >= n)) / self.visible.shape[1]
 
 
-# Pixels that a typical face's side spans at maxD when the resolution is "auto". Both come from
-# rays to 64 points of every face of six arms, see tools/bench: with the second look the pixels
-# criterion then misses less than 0.1 % of the faces that are at least half visible.
-_PIXELS_A_SIDE = {"pixels": 1.5, "centroid": 1.2}
-# Pixels along the longer side, at least: in a room, a coarse image leaves out faces of which little
-# shows beside larger ones. By tools/bench --only kitchen, run with other values here, "pixels"
-# misses 3.1 % of all of which anything shows with 104 pixels, 2.3 with 128, 0.9 with 256 and 0.2
-# with 512, at 4.4 times the time of 104; "centroid" has an IoU of 0.982, 0.991, 0.995 and 0.998
-# with rays to the centres.
-_SMALLEST = 256
+def asks_about_points(options: VisibilityOptions) -> bool:
+    """Return whether maps are made by points of faces, each decided by what may hide it.
 
-
-def render_resolution(options: VisibilityOptions, sensor: Sensor, model: Model) -> tuple[int, int]:
-    """Return the pixels (width, height) that a sensor's view of a model is rendered at.
-
-    "auto" is an image of 256 pixels along its longer side, of more where a side of a typical face
-    would span too few at the far end of the working range, and never of more than the sensor has.
+    So they are by centres of mass, and by pixels at "auto": a face counts where its centre is
+    free, or where one of 64 points of it is, if it is large in the image. At a stated resolution, or
+    where several pixels must show a face, pixels alone decide.
     """
-    if not isinstance(options.resolution, str):
-        return options.resolution
-    # Counting more than one pixel a face means the sensor's own pixels.
-    if options.resolution == "sensor" or options.min_pixels > 1:
-        return sensor.resolution
-    # square pixels, so that the finer axis does not pay for the coarser one
-    tan_x, tan_y = sensor.intrinsics.tan_half
-    focal = _PIXELS_A_SIDE[options.criterion] * sensor.max_distance / model.mean_edge
-    focal = max(focal, _SMALLEST / 2 / float(max(tan_x, tan_y)))
-    width, height = sensor.resolution
-    return (
-        min(width, math.ceil(2 * focal * float(tan_x))),
-        min(height, math.ceil(2 * focal * float(tan_y))),
-    )
+    by_pixels = options.criterion == "pixels"
+    return not by_pixels or (options.resolution == "auto" and options.min_pixels == 1)
 
 
-def takes_second_look(options: VisibilityOptions) -> bool:
-    """Return whether faces that show in no pixel are looked at once more by their centres.
-
-    At "auto" the image is coarser than the sensor's; a face between its pixels still counts
-    where its centre of mass is free. At a stated resolution pixels alone decide.
-    """
-    return (
-        options.criterion == "pixels" and options.resolution == "auto" and options.min_pixels == 1
-    )
+def render_resolution(options: VisibilityOptions, sensor: Sensor) -> tuple[int, int] | None:
+    """Return the pixels (width, height) that decide a sensor's maps; None where points do."""
+    if asks_about_points(options):
+        return None
+    return sensor.resolution if isinstance(options.resolution, str) else options.resolution

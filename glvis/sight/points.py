@@ -1,0 +1,234 @@
+"""Which points of faces are asked about, and what hides them, in NumPy and float64.
+
+A face counts where its centre of mass is free; by the criterion "pixels", where a face is large in
+the image, where any of 64 points of it is. What ``caster`` finds on the GPU is found here wherever
+it cannot, and for the paper's own semantics: the same points, the same planes, the same grid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.inputs.scene import Model
+from glvis.inputs.sensor import Sensor
+from glvis.sight.surface import Surface
+from glvis.sight.visibility import VisibilityOptions
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+# Shares of the image's width or height from which a face is looked at in many points: if it touches
+# a face whose centre is free, and if it does not. Of faces of which one of 64 points shows, "pixels"
+# leaves out those that are smaller and show none of their middle: tools/bench prints how many.
+_LARGE = (1 / 48, 1 / 16)
+# Cells that a typical face's side spans at maxD, and cells along the longer side of the image, at
+# least and at most. Maps do not depend on them; their time does, and least here, by tools/bench.
+_CELLS_A_SIDE, _FEWEST, _MOST = 1.1, 56, 1024
+# Share of the way by which an occluder must be nearer than a point to hide it, and of an edge's
+# reach by which a ray may pass beside it: some steps of float64.
+_NEARER, _BESIDE = 1e-9, 1e-13
+_PAIRS = 1 << 18  # of points and triangles tested at once
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What views ask of a model.
+
+    Attributes
+    ----------
+    targets : Surface
+        Of the model whose faces are counted.
+    hiding : sequence of Surface
+        All that hides: the same surface, and obstacles.
+    grid : tuple of int
+        Cells (columns, rows) of the image by which points are looked up.
+    large : (float, float), optional
+        Shares of the image from which a face whose centre is not free is asked about at 64 points:
+        where it touches a face whose centre is, and anywhere. None: no face is.
+    """
+
+    targets: Surface
+    hiding: Sequence[Surface]
+    grid: tuple[int, int]
+    large: tuple[float, float] | None
+
+
+def large_shares(options: VisibilityOptions) -> tuple[float, float] | None:
+    """Return the shares of the image from which faces are looked at in many points, if they are."""
+    return _LARGE if options.criterion == "pixels" else None
+
+
+def beside(model: Model, seen: Bools, index: Indices) -> Bools:
+    """Return which of some faces (n,) share a corner with faces (F,) bool that are seen, (n,)."""
+    touched = np.zeros(len(model.vertices), dtype=bool)
+    touched[model.faces[seen]] = True
+    return touched[model.faces[index]].any(axis=1)
+
+
+def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
+    """Return the shares of the image's width or height that faces span, the larger one, (n,).
+
+    Infinite for a face that reaches nearer than anything can be seen.
+
+    Parameters
+    ----------
+    corners : (3, 3, n) float64
+        Corner, coordinate, face: x right, y up, and depth along the optical axis, scene unit.
+    tan_half : (2, n) or (2, 1) float64
+        Tangents of the image's half angles.
+    near : float, or (n,) float64
+        Depth before which nothing is seen, scene unit.
+    """
+    depth = corners[:, 2]
+    is_before = depth.min(axis=0) >= near
+    tangents = corners[:, :2] / np.where(is_before, depth, 1.0)[:, None]
+    shares = (np.ptp(tangents, axis=0) / (2 * tan_half)).max(axis=0)
+    return np.where(is_before, shares, np.inf)
+
+
+def grid_size(sensor: Sensor, model: Model) -> tuple[int, int]:
+    """Return cells (columns, rows) about as large as the faces of a model far from a sensor."""
+    tan_x, tan_y = (float(tan) for tan in sensor.intrinsics.tan_half)
+    longer = max(tan_x, tan_y)
+    focal = _CELLS_A_SIDE * sensor.max_distance / model.mean_edge
+    focal = min(max(focal, _FEWEST / 2 / longer), _MOST / 2 / longer)
+    return math.ceil(2 * focal * tan_x), math.ceil(2 * focal * tan_y)
+
+
+def unhidden(points: Floats, triangles: Floats, near: float) -> Bools:
+    """Return which points nothing hides from the eye, (P,) bool.
+
+    Both sides of a triangle hide. One hides a point where the ray to the point meets it earlier by
+    more than a billionth of the way, so triangles that coincide do not hide each other. Without
+    area, or seen edge on, it hides nothing.
+
+    Parameters
+    ----------
+    points : (3, P) float64
+        x right, y up, and depth along the optical axis, above 0; scene unit, the eye at 0.
+    triangles : (3, 3, T) float64
+        Corner, coordinate, triangle; the same frame.
+    near : float
+        Depth before which nothing hides, scene unit.
+    """
+    free = np.ones(points.shape[1], dtype=bool)
+    depth = triangles[:, 2]
+    reach = (depth.max(axis=0, initial=-np.inf) > near) & (
+        depth.min(axis=0, initial=np.inf) < points[2].max(initial=-np.inf)
+    )
+    triangles = np.ascontiguousarray(triangles[..., reach])
+    if not points.size or not triangles.size:
+        return free
+    tangent = points[:2] / points[2]
+    planes = _Planes.of(triangles, np.abs(tangent).max(axis=1))
+    point, triangle = _Cells.of(tangent).pairs(triangles, near)
+    for first in range(0, len(point), _PAIRS):
+        p, t = point[first : first + _PAIRS], triangle[first : first + _PAIRS]
+        free[p[planes.hide(t, points.take(p, axis=1), near)]] = False
+    return free
+
+
+@dataclass(frozen=True, eq=False)
+class _Planes:
+    """Of T triangles: their own planes n . x = d, and those through the eye and their edges.
+
+    Attributes
+    ----------
+    normal : (3, T) float64
+        Turned so that the eye lies at n . x <= d.
+    offset : (T,) float64
+        d; 0, with the normal, where the eye lies in the plane.
+    edges : (3, 3, T) float64
+        Coordinate, edge, triangle: no product is negative of a point within.
+    """
+
+    normal: Floats
+    offset: Floats
+    edges: Floats
+
+    @classmethod
+    def of(cls, triangles: Floats, tangents: Floats) -> _Planes:
+        """Return the planes of triangles (3, 3, T) for points up to some tangents (2,)."""
+        sides = np.roll(triangles, -1, axis=0) - triangles
+        normal = np.cross(sides[0], sides[1], axis=0)
+        offset = np.sum(normal * triangles[0], axis=0)
+        side = np.sign(offset)
+        edges = np.moveaxis(np.cross(triangles, sides, axis=1), 1, 0) * side
+        x, y, z = np.abs(edges)
+        # a ray to where two triangles meet meets one of them at least
+        edges[2] += _BESIDE * (x * tangents[0] + y * tangents[1] + z)
+        return cls(normal * side, np.abs(offset), edges)
+
+    def hide(self, triangle: Indices, points: Floats, near: float) -> Bools:
+        """Return which triangles (n,) hide the points (3, n) beside them, (n,) bool."""
+        beyond = np.sum(self.normal.take(triangle, axis=1) * points, axis=0)
+        offset = self.offset.take(triangle)
+        hides: Bools = (beyond * (1 - _NEARER) > offset) & (near * beyond < offset * points[2])
+        some = np.flatnonzero(hides)
+        edges = self.edges.take(triangle[some], axis=2)
+        inside = np.sum(edges * points.take(some, axis=1)[:, None], axis=0).min(axis=0)
+        hides[some] = inside >= 0
+        return hides
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """P points in the cells of a square grid.
+
+    Attributes
+    ----------
+    order : (P,) int
+        The points, row by row and cell by cell.
+    begin : (n * n + 1,) int
+        Where each cell's points begin in that order.
+    low, scale : (2, 1) float64
+        From tangents to cells.
+    n : int
+        Cells along a side.
+    """
+
+    order: Indices
+    begin: Indices
+    low: Floats
+    scale: Floats
+    n: int
+
+    @classmethod
+    def of(cls, tangent: Floats) -> _Cells:
+        """Return the cells of points (2, P) in the image plane at unit depth."""
+        n = max(1, math.isqrt(tangent.shape[1]))
+        low = tangent.min(axis=1, keepdims=True)
+        extent = np.ptp(tangent, axis=1, keepdims=True)
+        scale = n / np.where(extent > 0, extent, 1.0)
+        column, row = np.minimum(((tangent - low) * scale).astype(np.intp), n - 1)
+        cell = row * n + column
+        counts = np.bincount(cell, minlength=n * n)
+        return cls(
+            np.argsort(cell, kind="stable"), np.concatenate([[0], np.cumsum(counts)]), low, scale, n
+        )
+
+    def pairs(self, triangles: Floats, near: float) -> tuple[Indices, Indices]:
+        """Return points and the triangles (3, 3, T) whose boxes hold their cells, (n,) each."""
+        depth = triangles[:, 2]
+        is_before = depth.min(axis=0) > near
+        place = triangles[:, :2] / np.where(is_before, depth, 1.0)[:, None]
+        place = (place - self.low) * self.scale
+        margin = 1e-9 * (self.n + np.abs(place).max(axis=0))
+        low = np.where(is_before, place.min(axis=0) - margin, 0)
+        high = np.where(is_before, place.max(axis=0) + margin, self.n)
+        some = np.flatnonzero(np.all((high >= 0) & (low <= self.n), axis=0))
+        first, last = np.clip(np.stack([low, high]).take(some, axis=2), 0, self.n - 1).astype(int)
+        # points of one row that one triangle covers follow each other
+        rows = last[1] - first[1] + 1
+        of = np.repeat(np.arange(len(some)), rows)
+        row = first[1][of] + np.arange(len(of)) - np.repeat(np.cumsum(rows) - rows, rows)
+        begin = self.begin[row * self.n + first[0][of]]
+        number = self.begin[row * self.n + last[0][of] + 1] - begin
+        place = np.repeat(begin - (np.cumsum(number) - number), number) + np.arange(number.sum())
+        return self.order[place], np.repeat(some[of], number)

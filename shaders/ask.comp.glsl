@@ -1,0 +1,69 @@
+#version 430 core
+// Asks about points of faces: which pass the filters (Sec. 2.1.1: CropFOV, CropBack, CropNorm,
+// CropNear), and in which cell each lies. One invocation a face of the clusters listed.
+// in:  listed       clusters + 1 that may have a face to count; faces where MANY is defined
+//      face_centres two texels a face: centre of mass, unit normal; float bits
+// out: heads        record + 1 of the point that came last to a cell, 0: none
+//      records      (column, row, 1) * depth of a point as float bits, and the record + 1 of the
+//                   point that came before it to the same cell
+//      tiles        depth bits of the farthest point, by tile
+//      free         record + 1 of the face's centre where a point passes the filters, else 0
+// MANY is defined where 64 points of a face are asked about, the centres of mass of its congruent
+// parts: one work group a face, one invocation a point, and a list of faces in place of clusters.
+// Else it is each face's own centre of mass.
+layout(local_size_x = 64) in;
+#include "view.glsl"
+#ifdef MANY
+#include "corners.glsl"
+#endif
+layout(binding = 1) uniform usampler2D face_centres;
+layout(rgba32ui, binding = 0) uniform writeonly uimage2D records;
+layout(r32ui, binding = 1) uniform uimage2D heads;
+layout(r32ui, binding = 2) uniform uimage2D tiles;
+layout(std430, binding = 0) readonly buffer Listed { uint listed[]; };
+layout(std430, binding = 2) buffer Free { uint free[]; };
+
+// Ask about a point (relative to the origin) of a face: `own` is the record of its centre.
+void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own) {
+    vec3 place = in_grid(point);
+    vec2 at = place.xy / place.z;
+    vec3 back = eye.xyz - point;
+    float towards = dot(normal, back);
+    bool passes = place.z >= working_range.x && place.z <= working_range.y;
+    passes = passes && all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, vec2(size)));
+    passes = passes && towards > 0.0
+        && towards * towards >= min_ray_cos * min_ray_cos * dot(back, back)
+        && dot(normal, backwards.xyz) >= backwards.w;
+    if (wanted && passes) {
+        free[record] = own + 1u;
+        ivec2 cell = ivec2(at);
+        imageAtomicMax(
+            tiles, cell / TILE + ivec2(0, first_tile_row), floatBitsToUint(place.z)
+        );
+        uint before = imageAtomicExchange(heads, cell + ivec2(0, first_row), record + 1u);
+        imageStore(records, record_at(record), uvec4(floatBitsToUint(place), before));
+    }
+}
+
+void main() {
+#ifdef MANY
+    uint face = listed[first_listed + gl_WorkGroupID.x], k = gl_LocalInvocationIndex;
+    vec3[3] corners = corners_of(face);
+    // parts (u, v) of an 8 x 8 parallelogram; the half beyond the face folds back into it
+    vec2 uv = vec2(k & 7u, k >> 3);
+    uv = (uv.x + uv.y < 7.5 ? uv + 1.0 / 3.0 : 7.0 - uv + 2.0 / 3.0) / 8.0;
+    vec3 point = corners[0] + uv.x * (corners[1] - corners[0]) + uv.y * (corners[2] - corners[0]);
+    uint record = first_extra + 64u * gl_WorkGroupID.x + k;
+#else
+    uint i = invocation(), cluster = listed[first_listed + (i >> size_log2)];
+    uint face = ((max(cluster, 1u) - 1u) << size_log2) + (i & ((1u << size_log2) - 1u));
+#endif
+    ivec2 at = ivec2(2u * (face % FACES_A_LINE), face / FACES_A_LINE);
+    vec3 normal = uintBitsToFloat(texelFetch(face_centres, at + ivec2(1, 0), 0).xyz);
+    uint own = first_record + face;
+#ifdef MANY
+    ask(true, point, normal, record, own);
+#else
+    ask(cluster != 0u, uintBitsToFloat(texelFetch(face_centres, at, 0).xyz), normal, own, own);
+#endif
+}

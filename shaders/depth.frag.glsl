@@ -1,3 +1,0 @@
-#version 330 core
-// Colours nothing: the depth buffer is all that is wanted.
-void main() {}
