@@ -9,9 +9,11 @@ are those of the project's method:
 - Both sides of every face hide, whatever the filters say of it; faces of no area never count.
 - Nothing nearer than a thousandth of maxD hides, and what is seen of points there is left open.
 
-A sample is *doubtful* where a limit of a filter or an occluder's edge is nearer than 1e-6 of the
-distance, or an occluder lies before it by less than 2e-7 of the way, a few steps of float32.
-Doubtful samples excuse a map either way, and are counted.
+A sample is *doubtful* where float32 numbers cannot tell: where a limit of a filter or an
+occluder's edge is nearer than rounding, or where an occluder's plane passes before the point, but
+by less than a few float32 steps of the scene's coordinates. Doubtful samples excuse a map either
+way, and are counted. Faces that coincide in the file's own numbers are never doubtful: a map must
+show them all.
 
 Names: F faces of the model, T triangles that hide (model and obstacles), R rays. All is done in
 the camera frame, x right, y up, the sensor looks along -z from the origin.
@@ -21,63 +23,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 import numpy as np
 from oracle import Eye, part_centroids, pixel_directions
 
 NEAREST = 1e-3  # share of maxD before which nothing hides
-_MARGIN = 1e-6  # share of the distance within which a limit or an edge is rounding
-_BEFORE, _SURELY_BEFORE = 1e-9, 2e-7  # share of the way by which an occluder is nearer
+_SHARE = 1e-6  # of the distance: rounding of directions and depths
+_CLEAR = 2e-7  # of the distance: rounding of how far a point is from an occluder's plane
+_STEPS = 4  # float32 steps of the scene's coordinates: rounding of all that is relative to them
+_BEFORE = 1e-9  # share of the way by which an occluder is nearer
 _SLACK = 1e-13  # of an edge, as a direction: a ray through a shared edge meets one face at least
 _BLOCK = 1 << 16  # rays x triangles tested at once
 _PLANES_OFF = 1.001  # the engine may put its near plane this factor nearer
-
-
-@dataclass
-class Figures:
-    """What is counted over the maps of one criterion; sums add up."""
-
-    seen: int = 0  # faces that the maps call visible
-    wrong: float = 0.0  # of them those of which no point is
-    half: int = 0  # faces at least half visible (and large enough, where pixels decide)
-    missed: int = 0  # of them those that the maps leave out
-    any: int = 0  # faces of which one of 64 points shows
-    missed_any: int = 0
-    both: int = 0  # centres free in truth and in the map
-    either: int = 0
-    excused: int = 0  # doubtful faces on which map and truth would have differed or could have
-    judged: int = 0
-
-    def __iadd__(self, other: Figures) -> Figures:
-        for one in fields(self):
-            setattr(self, one.name, getattr(self, one.name) + getattr(other, one.name))
-        return self
-
-    @property
-    def wrong_percent(self) -> float:
-        """Of the faces called visible."""
-        return 100 * self.wrong / max(self.seen, 1)
-
-    @property
-    def missed_percent(self) -> float:
-        """Of the faces at least half visible."""
-        return 100 * self.missed / max(self.half, 1)
-
-    @property
-    def missed_any_percent(self) -> float:
-        """Of the faces of which one of 64 points shows."""
-        return 100 * self.missed_any / max(self.any, 1)
-
-    @property
-    def iou(self) -> float:
-        """Intersection over union of centres."""
-        return self.both / self.either if self.either else 1.0
-
-    @property
-    def excused_percent(self) -> float:
-        """Of the faces judged."""
-        return 100 * self.excused / max(self.judged, 1)
 
 
 @dataclass(frozen=True)
@@ -98,7 +56,133 @@ class Verdict:
         return self.free | self.doubtful
 
 
-@dataclass
+class Fan:
+    """Triangles as rays from the camera frame's origin meet them.
+
+    Parameters
+    ----------
+    corners : (T, 3, 3) float64
+        Of the camera frame.
+    clip : float
+        Depth before which nothing hides.
+
+    Attributes
+    ----------
+    height, width : (T,) float64
+        Of the eye above each plane, on its front; of each triangle across its longest edge.
+    has_area, hides : (T,) bool
+        ``hides`` leaves out those that the eye sees exactly edge-on.
+    low, high : (T, 2) float64
+        Boxes in the image plane at unit depth around what lies beyond ``clip``.
+    """
+
+    def __init__(self, corners: np.ndarray, clip: float) -> None:
+        a, b, c = np.moveaxis(corners, 1, 0)
+        edges = [b - a, c - b, a - c]
+        cross = np.cross(edges[0], c - a)
+        double = np.linalg.norm(cross, axis=1)
+        self.has_area = double > 0
+        normal = cross / np.where(self.has_area, double, 1)[:, None]
+        self.height = -np.sum(normal * a, axis=1)
+        longest = np.max([np.linalg.norm(edge, axis=1) for edge in edges], axis=0)
+        self.width = double / np.where(longest > 0, longest, 1)
+        reach = np.linalg.norm(corners, axis=2).max(axis=1)
+        self.hides = self.has_area & (np.abs(self.height) > 1e-13 * reach)
+        side = -np.sign(self.height)[:, None]
+        planes = []
+        for start, edge in zip((a, b, c), edges, strict=True):
+            plane = np.cross(start, edge) * side
+            length = np.linalg.norm(plane, axis=1)[:, None]
+            planes.append(plane / np.where(length > 0, length, 1))
+        # d @ planes >= 0 for all three inside the triangle's cone; d @ nearness is 1 in its plane
+        self._planes = np.stack(planes, axis=1)  # (T, 3, 3)
+        self.nearness = np.zeros((len(corners), 3))
+        some = self.hides
+        self.nearness[some] = (normal * side)[some] / np.abs(self.height[some])[:, None]
+        self.low, self.high = _image_boxes(
+            corners, 0.99 * clip if clip else 1e-12 * float(np.abs(corners).max())
+        )
+
+    def meets(self, rays: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far inside triangles rays (r, 3) are, as angles, and the nearness, (r, k).
+
+        Nearness is 1 where the triangle's plane is at the ray's end, 2 at half the way.
+        """
+        inside = rays @ self._planes[some, 0].T
+        np.minimum(inside, rays @ self._planes[some, 1].T, out=inside)
+        np.minimum(inside, rays @ self._planes[some, 2].T, out=inside)
+        inside /= np.linalg.norm(rays, axis=1)[:, None]
+        return inside, rays @ self.nearness[some].T
+
+    def cells(self, directions: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield rays (r,) and triangles (k,) so that all that may meet are together once.
+
+        ``directions`` (R, 3) point away from the eye, before it.
+        """
+        if not len(directions):
+            return
+        tangent = directions[:, :2] / -directions[:, 2:]
+        corner = tangent.min(axis=0)
+        extent = np.maximum(np.ptp(tangent, axis=0), 1e-9)
+        pad = 1e-4 * (1 + np.abs(tangent).max())
+        alive = np.flatnonzero(
+            self.hides
+            & np.all((self.high >= corner - pad) & (self.low <= corner + extent + pad), axis=1)
+        )
+        n = int(np.clip(math.sqrt(len(directions) / 24), 1, 48 if len(alive) < 50_000 else 128))
+        scale = n / extent
+        first = _cell_of(self.low[alive] - pad - corner, scale, n)
+        spans = _cell_of(self.high[alive] + pad - corner, scale, n) - first + 1
+        counts = spans[:, 0] * spans[:, 1]
+        triangle = np.repeat(np.arange(len(alive)), counts)
+        nth = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
+        wide = spans[triangle, 0]
+        cell = (first[triangle, 1] + nth // wide) * n + first[triangle, 0] + nth % wide
+        order = np.argsort(cell, kind="stable")
+        triangle = alive[triangle[order]]
+        begins = np.searchsorted(cell[order], np.arange(n * n + 1))
+        at = _cell_of(tangent - corner, scale, n) @ [1, n]
+        rays = np.argsort(at, kind="stable")
+        ray_begins = np.searchsorted(at[rays], np.arange(n * n + 1))
+        for here in np.flatnonzero(np.diff(ray_begins)):
+            some = triangle[begins[here] : begins[here + 1]]
+            mine = rays[ray_begins[here] : ray_begins[here + 1]]
+            step = max(1, _BLOCK // max(1, len(some)))
+            for start in range(0, len(mine), step):
+                yield mine[start : start + step], some
+
+
+def _cell_of(place: np.ndarray, scale: np.ndarray, n: int) -> np.ndarray:
+    """Return column and row (N, 2) of places in an n x n grid, the outermost for all beyond."""
+    return np.clip(place * scale, 0, n - 1).astype(np.int64)
+
+
+def _image_boxes(corners: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return boxes around triangles in the image plane at unit depth, low and high (T, 2).
+
+    Of what is deeper than ``near``; inverted where nothing is.
+    """
+    low = np.full((len(corners), 2), np.inf)
+    high = np.full((len(corners), 2), -np.inf)
+
+    def widen(points: np.ndarray, which: np.ndarray) -> None:
+        tangent = points[which, :2] / -points[which, 2:]
+        low[which] = np.minimum(low[which], tangent)
+        high[which] = np.maximum(high[which], tangent)
+
+    for k in range(3):
+        start, end = corners[:, k], corners[:, (k + 1) % 3]
+        before, after = -start[:, 2] >= near, -end[:, 2] >= near
+        widen(start, before)
+        crosses = before != after
+        along = np.where(crosses, (-near - start[:, 2]), 0)
+        along /= np.where(crosses, end[:, 2] - start[:, 2], 1)
+        cut = start + along[:, None] * (end - start)
+        cut[:, 2] = -near
+        widen(cut, crosses)
+    return low, high
+
+
 class Judge:
     """One sensor before one model.
 
@@ -112,57 +196,38 @@ class Judge:
         The model, and what only hides.
     """
 
-    pose: np.ndarray
-    eye: Eye
-    triangles: np.ndarray
-    obstacles: np.ndarray | None = None
-    _shows: dict[int, bool] = field(default_factory=dict)
-    _pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    def __init__(
+        self,
+        pose: np.ndarray,
+        eye: Eye,
+        triangles: np.ndarray,
+        obstacles: np.ndarray | None = None,
+    ) -> None:
+        pose, own = np.asarray(pose, dtype=float), np.asarray(triangles, dtype=float)
+        others = np.zeros((0, 3, 3)) if obstacles is None else np.asarray(obstacles, dtype=float)
+        everything = np.concatenate([own, others])
+        self.eye, self.n = eye, len(own)
+        self._corners = (everything - pose[:3, 3]) @ pose[:3, :3]
+        self._clip = NEAREST * eye.max_distance if math.isfinite(eye.max_distance) else 0.0
+        self._fan = Fan(self._corners, self._clip)
+        middle = (own.min(axis=(0, 1)) + own.max(axis=(0, 1))) / 2
+        # float32 holds coordinates relative to the model's middle to this
+        self._rounding = (
+            _STEPS * 2.0**-23 * float(np.linalg.norm(everything - middle, axis=2).max())
+        )
+        # in the file's own numbers: turned by the pose, a line is a triangle of rounding
+        cross = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+        self._has_area = self._fan.has_area[: self.n] & (cross != 0).any(axis=1)
+        self._pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
 
-    def __post_init__(self) -> None:
-        pose = np.asarray(self.pose, dtype=float)
-        own = np.asarray(self.triangles, dtype=float)
-        others = np.zeros((0, 3, 3)) if self.obstacles is None else self.obstacles
-        corners = (np.concatenate([own, others]) - pose[:3, 3]) @ pose[:3, :3]
-        self.n = len(own)
-        self.corners = corners  # (T, 3, 3), camera frame
-        a, b, c = np.moveaxis(corners, 1, 0)
-        cross = np.cross(b - a, c - a)
-        double = np.linalg.norm(cross, axis=1)
-        world = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
-        self.has_area = double > 0
-        self.has_area[: self.n] &= (world != 0).any(axis=1)
-        normal = cross / np.where(self.has_area, double, 1)[:, None]
-        height = -np.sum(normal * a, axis=1)
-        self.height = height  # of the eye above each plane, (T,)
-        reach = np.linalg.norm(corners, axis=2).max(axis=1)
-        edges = [b - a, c - b, a - c]
-        longest = np.max([np.linalg.norm(edge, axis=1) for edge in edges], axis=0)
-        width = double / np.where(longest > 0, longest, 1)
-        self.is_unsure = width < 1e-7 * reach  # its normal is rounding
-        self.hides = self.has_area & (np.abs(height) > 1e-13 * reach)
-        side = -np.sign(height)[:, None]
-        planes = []
-        for start, edge in zip((a, b, c), edges, strict=True):
-            plane = np.cross(start, edge) * side
-            length = np.linalg.norm(plane, axis=1)[:, None]
-            planes.append(plane / np.where(length > 0, length, 1))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            nearness = normal * side / np.abs(height)[:, None]
-        nearness[~self.hides] = 0
-        # d @ edges >= 0 for all three inside the triangle's cone; d @ nearness is 1 in its plane
-        self.edges = np.stack(planes, axis=1)  # (T, 3, 3)
-        self.nearness = nearness  # (T, 3)
-        most = self.eye.max_distance
-        self.clip = NEAREST * most if math.isfinite(most) else 0.0
-        self._boxes = self._in_image()
-
-    # --- samples
+    @property
+    def facing(self) -> np.ndarray:
+        """Faces whose front is towards the eye, (F,) bool."""
+        return self._has_area & (self._fan.height[: self.n] > 0)
 
     def centroids(self) -> Verdict:
         """Return the verdict on each face's centre of mass, (F,)."""
-        points = self.corners[: self.n].mean(axis=1)
-        return self.look(points, np.arange(self.n))
+        return self.look(self._corners[: self.n].mean(axis=1), np.arange(self.n))
 
     def shares(self, n: int = 8, faces: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the shares of n * n points of faces that are surely and possibly seen, (f,) each.
@@ -177,7 +242,7 @@ class Judge:
         step = max(1, (1 << 20) // len(weights))
         for first in range(0, len(some), step):
             part = some[first : first + step]
-            points = np.einsum("pk,fkx->fpx", weights, self.corners[faces[part]])
+            points = np.einsum("pk,fkx->fpx", weights, self._corners[faces[part]])
             own = np.repeat(faces[part], len(weights))
             verdict = self.look(points.reshape(-1, 3), own)
             surely[part] = verdict.surely.reshape(len(part), -1).mean(axis=1)
@@ -196,131 +261,59 @@ class Judge:
     def look(self, points: np.ndarray, own: np.ndarray) -> Verdict:
         """Return the verdict on points (R, 3) of faces ``own`` (R,)."""
         margin = self._margin(points, own)
-        open_ = np.abs(margin) < _MARGIN
-        open_ |= -points[:, 2] < self.clip * (1 + _MARGIN)
-        open_ |= self.is_unsure[own]
+        is_open = (np.abs(margin) < 1) | (-points[:, 2] < self._clip * (1 + _SHARE))
         free, doubtful = np.zeros(len(own), dtype=bool), np.zeros(len(own), dtype=bool)
-        some = np.flatnonzero((margin > -_MARGIN) & self.has_area[own])
+        some = np.flatnonzero((margin > -1) & self._has_area[own])
         hidden, unsure = self._hidden(points[some], own[some])
         free[some] = ~hidden & (margin[some] > 0)
-        doubtful[some] = unsure | (open_[some] & ~hidden)
+        doubtful[some] = unsure | (is_open[some] & ~hidden)
         return Verdict(free, doubtful)
 
+    # --- filters
+
     def _margin(self, points: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Return by how much points pass all filters, as shares of the distance; below 0: not."""
+        """Return by how many roundings points pass all filters, (R,); below 0 they do not."""
         eye, depth = self.eye, -points[:, 2]
         length = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
-        cosine = self.height[own] / length
+        rounding = _SHARE + self._rounding / length
+        turning = rounding + self._rounding / np.maximum(self._fan.width[own], 1e-300)
+        cosine = self._fan.height[own] / length
         tan_x, tan_y = eye.tan_half
         passing = [
-            depth / length,
-            (depth - eye.min_distance) / length,
-            (tan_x * depth - np.abs(points[:, 0])) / length,
-            (tan_y * depth - np.abs(points[:, 1])) / length,
-            cosine,
-            cosine - math.cos(math.radians(min(eye.max_incidence_deg, 90.0))),
+            depth / length / rounding,
+            (depth - eye.min_distance) / length / rounding,
+            (tan_x * depth - np.abs(points[:, 0])) / length / rounding,
+            (tan_y * depth - np.abs(points[:, 1])) / length / rounding,
+            cosine / turning,
+            (cosine - math.cos(math.radians(min(eye.max_incidence_deg, 90.0)))) / turning,
         ]
         if math.isfinite(eye.max_distance):
-            passing.append((eye.max_distance - depth) / length)
+            passing.append((eye.max_distance - depth) / length / rounding)
         return np.min(passing, axis=0)
 
     def _may_pass(self, faces: np.ndarray) -> np.ndarray:
-        """Return which faces (f,) look at the eye and may lie in the image, (f,) bool."""
-        low, high = (box[faces] for box in self._boxes)
-        tan = np.array(self.eye.tan_half) * (1 + 1e-5)
+        """Return which faces (f,) may look at the eye and lie in the image, (f,) bool."""
+        low, high = self._fan.low[faces], self._fan.high[faces]
+        tan = np.array(self.eye.tan_half) * (1 + 1e-4)
         inside = np.all((low <= tan) & (high >= -tan), axis=1)
-        return inside & self.has_area[faces] & (self.height[faces] > 0)
+        # not quite: seen from far or edge-on, rounding may turn a face to the eye
+        reach = np.linalg.norm(self._corners[faces], axis=2).max(axis=1)
+        turning = _SHARE + self._rounding / np.maximum(self._fan.width[faces], 1e-300)
+        towards = self._fan.height[faces] > -turning * reach - self._rounding
+        return inside & self._has_area[faces] & towards
 
     # --- rays against triangles
 
-    def _in_image(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return boxes around triangles in the image plane at unit depth, low and high (T, 2).
-
-        Of what is beyond the depth before which nothing hides; inverted where nothing is.
-        """
-        near = 0.99 * self.clip if self.clip else 1e-12 * float(np.abs(self.corners).max())
-        low = np.full((len(self.corners), 2), np.inf)
-        high = np.full((len(self.corners), 2), -np.inf)
-
-        def widen(points: np.ndarray, which: np.ndarray) -> None:
-            tangent = points[which, :2] / -points[which, 2:]
-            low[which] = np.minimum(low[which], tangent)
-            high[which] = np.maximum(high[which], tangent)
-
-        for k in range(3):
-            start, end = self.corners[:, k], self.corners[:, (k + 1) % 3]
-            before, after = -start[:, 2] >= near, -end[:, 2] >= near
-            widen(start, before)
-            crosses = before != after
-            along = np.where(crosses, (-near - start[:, 2]), 0)
-            along /= np.where(crosses, end[:, 2] - start[:, 2], 1)
-            cut = start + along[:, None] * (end - start)
-            cut[:, 2] = -near
-            widen(cut, crosses)
-        return low, high
-
-    def _cells(self, directions: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield rays (r,) and triangles (k,) so that all that may meet are together once.
-
-        ``directions`` (R, 3) point away from the eye, before it.
-        """
-        if not len(directions):
-            return
-        tangent = directions[:, :2] / -directions[:, 2:]
-        corner = tangent.min(axis=0)
-        extent = np.maximum(np.ptp(tangent, axis=0), 1e-9)
-        pad = 1e-5 * (1 + np.abs(tangent).max())
-        low, high = self._boxes
-        alive = np.flatnonzero(
-            self.hides & np.all((high >= corner - pad) & (low <= corner + extent + pad), axis=1)
-        )
-        across = np.clip(math.sqrt(len(directions) / 24), 1, 48 if len(alive) < 50_000 else 128)
-        grid = np.array([math.ceil(across), math.ceil(across)])
-        scale = grid / extent
-        first = np.clip((low[alive] - pad - corner) * scale, 0, grid - 1).astype(np.int64)
-        last = np.clip((high[alive] + pad - corner) * scale, 0, grid - 1).astype(np.int64)
-        spans = last - first + 1
-        counts = spans[:, 0] * spans[:, 1]
-        triangle = np.repeat(np.arange(len(alive)), counts)
-        nth = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
-        wide = spans[triangle, 0]
-        cell = (first[triangle, 1] + nth // wide) * grid[0] + first[triangle, 0] + nth % wide
-        order = np.argsort(cell, kind="stable")
-        triangle = alive[triangle[order]]
-        begins = np.searchsorted(cell[order], np.arange(grid[0] * grid[1] + 1))
-        at = np.clip((tangent - corner) * scale, 0, grid - 1).astype(np.int64)
-        ray_cell = at[:, 1] * grid[0] + at[:, 0]
-        rays = np.argsort(ray_cell, kind="stable")
-        ray_begins = np.searchsorted(ray_cell[rays], np.arange(grid[0] * grid[1] + 1))
-        for here in np.flatnonzero(np.diff(ray_begins)):
-            some = triangle[begins[here] : begins[here + 1]]
-            mine = rays[ray_begins[here] : ray_begins[here + 1]]
-            step = max(1, _BLOCK // max(1, len(some)))
-            for start in range(0, len(mine), step):
-                yield mine[start : start + step], some
-
-    def _meets(self, rays: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far inside triangles rays (r, 3) are, as angles, and the nearness, (r, k).
-
-        Nearness times a ray's length is 1 where the triangle's plane is at its end.
-        """
-        length = np.linalg.norm(rays, axis=1)[:, None]
-        inside = rays @ self.edges[some, 0].T
-        np.minimum(inside, rays @ self.edges[some, 1].T, out=inside)
-        np.minimum(inside, rays @ self.edges[some, 2].T, out=inside)
-        inside /= length
-        return inside, rays @ self.nearness[some].T
-
     def _hidden(self, points: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which points something hides, and of which rounding leaves that open."""
-        surely, possibly = self._before(points, own, _MARGIN)
+        surely, possibly, margin = self._before(points, own)
         unsure = np.flatnonzero(possibly & ~surely)
         hidden, doubtful = surely.copy(), np.zeros(len(points), dtype=bool)
         if len(unsure):
             # Most are near an edge that two occluders share: shifted rays know.
             hides, frees = [], []
-            for shifted, is_bad in self._shifted(points[unsure], own[unsure]):
-                hides_here, may = self._before(shifted, own[unsure], 0.0)
+            for shifted, is_bad in self._shifted(points[unsure], own[unsure], margin[unsure]):
+                hides_here, may, _ = self._before(shifted, own[unsure], exactly=True)
                 hides.append(hides_here & ~is_bad)
                 frees.append(~may & ~is_bad)
             all_hide, all_free = np.all(hides, axis=0), np.all(frees, axis=0)
@@ -329,145 +322,82 @@ class Judge:
         return hidden, doubtful
 
     def _shifted(
-        self, points: np.ndarray, own: np.ndarray
+        self, points: np.ndarray, own: np.ndarray, margin: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield the points themselves, and as rays a margin beside them meet their planes."""
         yield points, np.zeros(len(points), dtype=bool)
-        length = np.linalg.norm(points, axis=1)
+        aside = (margin * np.linalg.norm(points, axis=1))[:, None]
         for x, y in ((1, 0.3), (-0.3, 1), (-1, -0.3), (0.3, -1)):
-            moved = points + _MARGIN * length[:, None] * np.array([x, y, 0.0])
-            share = np.sum(moved * self.nearness[own], axis=1)
+            moved = points + aside * np.array([x, y, 0.0])
+            share = np.sum(moved * self._fan.nearness[own], axis=1)
             is_bad = np.abs(share - 1) > 0.5
             yield moved / np.where(is_bad, 1, share)[:, None], is_bad
 
     def _before(
-        self, points: np.ndarray, own: np.ndarray, margin: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return before which points something lies surely, and possibly, (R,) bool each."""
+        self, points: np.ndarray, own: np.ndarray, *, exactly: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return before which points something lies surely, and possibly, (R,) bool each.
+
+        And the largest angle (R,) by which rounding may move an edge of what possibly does, for
+        which nothing is allowed where ``exactly``.
+        """
         surely, possibly = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
-        inner = margin or -_SLACK
-        outer = -margin or -_SLACK
-        for rays, some in self._cells(points):
-            inside, nearness = self._meets(points[rays], some)
+        widest = np.zeros(len(points))
+        length = np.linalg.norm(points, axis=1)
+        for rays, some in self._fan.cells(points):
+            inside, nearness = self._fan.meets(points[rays], some)
             inside[some[None, :] == own[rays, None]] = -1
-            possible = (inside >= outer) & (nearness > 1 + _BEFORE)
-            if not possible.any():
+            # a first sieve: rounding moves what is nearest most, and that is at the clip plane
+            if exactly:
+                least = -_SLACK
+            else:
+                least = -_SHARE - self._rounding * (nearness / length[rays, None])
+            row, column = np.nonzero((nearness > 1 + _BEFORE) & (inside >= least))
+            if not len(row):
                 continue
-            depth = -points[rays, 2:]
-            far_enough = depth >= self.clip * (1 + _MARGIN) * nearness
-            sure = possible & (inside >= inner) & (nearness > 1 + _SURELY_BEFORE) & far_enough
-            possible &= depth * _PLANES_OFF >= self.clip * (1 - _MARGIN) * nearness
-            surely[rays] = sure.any(axis=1)
-            possibly[rays] = possible.any(axis=1)
-        return surely, possibly
+            inside, nearness = inside[row, column], nearness[row, column]
+            ray, face = rays[row], some[column]
+            margin = _SHARE + self._rounding * nearness / length[ray]
+            inner = -_SLACK if exactly else margin
+            clear = (nearness - 1) * np.abs(self._fan.height[face])
+            depth = -points[ray, 2]
+            sure = (inside >= inner) & (clear > _CLEAR * length[ray] + self._rounding)
+            sure &= depth >= self._clip * (1 + _SHARE) * nearness
+            possible = depth * _PLANES_OFF >= self._clip * (1 - _SHARE) * nearness
+            surely[ray[sure]] = True
+            possibly[ray[possible]] = True
+            np.maximum.at(widest, ray[possible], margin[possible])
+        return surely, possibly, widest
 
     def _count_pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         rays = pixel_directions(np.eye(4), self.eye.tan_half, resolution).reshape(-1, 3)
-        found: list[tuple[np.ndarray, ...]] = []
-        for mine, some in self._cells(rays):
+        counts = np.zeros((2, self.n), dtype=np.int64)
+        for mine, some in self._fan.cells(rays):
             if not len(some):
                 continue
-            inside, nearness = self._meets(rays[mine], some)
-            if self.clip:
-                nearness[nearness * self.clip > 1] = 0
-            if inside.max() < -_MARGIN:
-                continue
-            nearest = np.where(inside >= -_SLACK, nearness, 0).max(axis=1)
-            inner = np.where(inside >= _MARGIN, nearness, 0).max(axis=1)
-            least = np.maximum(inner * (1 - _SURELY_BEFORE), 1e-300)
-            row, column = np.nonzero((inside >= -_MARGIN) & (nearness >= least[:, None]))
-            near = nearness[row, column]
-            is_first = inside[row, column] >= -_SLACK
-            is_first &= near >= nearest[row] * (1 - _BEFORE)
-            found.append((mine[row], some[column], near, is_first))
-        if not found:
-            return np.zeros(self.n, dtype=np.int64), np.zeros(self.n, dtype=np.int64)
-        ray, face, near, is_first = map(np.concatenate, zip(*found, strict=True))
-        own = face < self.n  # obstacles show and are not counted
-        ray, face, near, is_first = ray[own], face[own], near[own], is_first[own]
-        margin = self._margin(rays[ray] / near[:, None], face)
-        surely = np.bincount(face[is_first & (margin > _MARGIN)], minlength=self.n)
-        return surely, np.bincount(face[margin > -_MARGIN], minlength=self.n)
-
-    # --- maps
-
-    def of_centroids(self, visible: np.ndarray) -> Figures:
-        """Return the figures of a map (F,) made by centres."""
-        truth = self._centroids
-        sure = ~truth.doubtful
-        return Figures(
-            seen=int(np.count_nonzero(visible)),
-            both=int(np.count_nonzero(visible & truth.free & sure)),
-            either=int(np.count_nonzero((visible | truth.free) & sure)),
-            excused=int(np.count_nonzero(truth.doubtful)),
-            judged=int(np.count_nonzero(self.height[: self.n] > 0)),
-        )
-
-    def of_pixels(
-        self,
-        visible: np.ndarray,
-        sensor_pixels: tuple[int, int],
-        drawn: tuple[int, int] | None = None,
-        *,
-        at_most: int = 120,
-    ) -> Figures:
-        """Return the figures of a map (F,) made by pixels.
-
-        Parameters
-        ----------
-        visible : (F,) bool
-            The map.
-        sensor_pixels : (int, int)
-            The sensor's own.
-        drawn : (int, int), optional
-            Those of the image that decided, where it was not the sensor's; where it was, only
-            faces that cover two of its pixels' centres can be missed.
-        at_most : int
-            Suspects of a pose that are looked at closely; of more a share at random.
-        """
-        surely, possibly = self._points
-        covers = self.pixels(sensor_pixels)
-        half, shows = surely >= 0.5, surely > 0
-        if drawn is None:
-            half = half & (covers[0] >= 2)
-            shows = shows & (covers[0] >= 2)
-        suspects = np.flatnonzero(visible & (possibly == 0) & (covers[1] == 0))
-        if drawn is not None and len(suspects):
-            suspects = suspects[self.pixels(drawn)[1][suspects] == 0]
-        return Figures(
-            seen=int(np.count_nonzero(visible)),
-            wrong=self._wrong_of(suspects, at_most),
-            half=int(np.count_nonzero(half)),
-            missed=int(np.count_nonzero(half & ~visible)),
-            any=int(np.count_nonzero(shows)),
-            missed_any=int(np.count_nonzero(shows & ~visible)),
-            excused=int(np.count_nonzero((possibly > 0) & (surely == 0) & visible)),
-            judged=int(np.count_nonzero(self.height[: self.n] > 0)),
-        )
-
-    def _wrong_of(self, suspects: np.ndarray, at_most: int) -> float:
-        """Return of how many suspects (f,) no point shows, by 4,096 points of each."""
-        if not len(suspects):
-            return 0.0
-        # a random choice that is the same for other maps of this pose
-        rank = np.random.default_rng(0).permutation(self.n)[suspects]
-        chosen = suspects[np.argsort(rank)[:at_most]]
-        new = np.array([face for face in chosen if int(face) not in self._shows], dtype=np.int64)
-        for n in (16, 64):
-            _, possibly = self.shares(n, new)
-            self._shows.update(zip(new.tolist(), (possibly > 0).tolist(), strict=True))
-            new = new[possibly == 0]
-        wrong = sum(not self._shows[int(face)] for face in chosen)
-        return wrong * len(suspects) / len(chosen)
-
-    @property
-    def _points(self) -> tuple[np.ndarray, np.ndarray]:
-        if not hasattr(self, "_kept_points"):
-            self._kept_points = self.shares()
-        return self._kept_points
-
-    @property
-    def _centroids(self) -> Verdict:
-        if not hasattr(self, "_kept_centroids"):
-            self._kept_centroids = self.centroids()
-        return self._kept_centroids
+            inside, nearness = self._fan.meets(rays[mine], some)
+            if self._clip:
+                nearness[nearness * self._clip > 1] = 0
+            length = np.linalg.norm(rays[mine], axis=1)[:, None]
+            margin = _SHARE + self._rounding * np.maximum(nearness, 0) / length
+            # the nearest that rounding may show, and the nearest that it must
+            outer = np.where(inside >= -margin, nearness, 0).max(axis=1)
+            sure = np.where(inside >= margin, nearness, 0)
+            first = sure.argmax(axis=1)
+            inner = sure[np.arange(len(mine)), first]
+            height = np.abs(self._fan.height[some[first]])
+            row, column = np.nonzero(
+                (inside >= -margin) & (nearness > 0) & (nearness >= 0.99 * inner[:, None])
+            )
+            near, face = nearness[row, column], some[column]
+            clear = (inner[row] / near - 1) * height[row]
+            own = face < self.n  # obstacles show and are not counted
+            own &= clear <= _CLEAR * length[row, 0] / near + self._rounding
+            row, column, near, face = row[own], column[own], near[own], face[own]
+            passes = self._margin(rays[mine[row]] / near[:, None], face)
+            surely = (passes > 1) & (inside[row, column] >= margin[row, column])
+            surely &= near >= outer[row] * (1 - _BEFORE)
+            surely &= self._has_area[face]
+            counts[0] += np.bincount(face[surely], minlength=self.n)
+            counts[1] += np.bincount(face[passes > -1], minlength=self.n)
+        return counts[0], counts[1]

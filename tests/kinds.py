@@ -345,8 +345,8 @@ def slivers() -> Shape:
 
 
 def fan() -> Shape:
-    """Return a cone and a disc of thousands of triangles around one vertex each."""
-    n = 3000
+    """Return a cone and a disc of 1,200 triangles around one vertex each."""
+    n = 1200
     u = 2 * np.pi * np.arange(n) / n
     ring = np.stack([np.cos(u), np.sin(u), 0.05 * np.cos(40 * u)], axis=1)
     k, following = np.arange(n), (np.arange(n) + 1) % n
@@ -437,6 +437,7 @@ KINDS: dict[str, Callable[[], Shape]] = {
     "back to back, gap 1e-5": lambda: back_to_back(1e-5),
     "back to back, no gap": lambda: back_to_back(0.0),
     "laminate, gap 1e-4": lambda: laminate(1e-4),
+    "laminate, gap 1e-5": lambda: moved(laminate(1e-5), (0, 0, 0), turned((2, 1, 3), 70)),
     "blinds": blinds,
     "perforated sheet": perforated,
     "coincident": coincident,
@@ -464,3 +465,6 @@ KINDS: dict[str, Callable[[], Shape]] = {
     "last bits, single": lambda: last_bits(True),
     "soup": soup,
 }
+
+# Wound so that little is seen from without.
+FROM_WITHIN = ("inside out", "patchwork of windings", "room")

@@ -20,6 +20,8 @@ from oracle import Eye
 from sight import random_poses, sensor
 from verdicts import (
     AROUND,
+    BESIDE,
+    INSIDE,
     NEAR,
     PLACES,
     Limits,
@@ -38,6 +40,7 @@ from verdicts import (
 
 from glvis.camera import camera_to_world
 from glvis.inputs.scene import load_model
+from glvis.inputs.sensor import Sensor
 
 PARTS = (
     "box.STL",
@@ -93,22 +96,22 @@ def beside(rng: np.random.Generator, corners: np.ndarray) -> list[shapes.Shape]:
     ]
 
 
-def verdicts_on(name: str, shape: shapes.Shape, limit_deg: float, rounds: int) -> Verdicts:
+def verdicts_on(
+    name: str,
+    shape: shapes.Shape,
+    device: Sensor,
+    rounds: int,
+    places: tuple[str, ...] = 2 * PLACES,
+) -> Verdicts:
     """Return the figures of a mesh from every kind of place, and among obstacles."""
     rng, corners = seeded(name), corners_of(shape)
-    device = device_for(shape, limit_deg=limit_deg)
     total = Verdicts(name, len(corners))
     for _ in range(rounds):
-        total += judged(name, shape, poses_about(rng, corners), device, words=PLACES)
-        places = (AROUND, NEAR)
-        total += judged(
-            name,
-            shape,
-            poses_about(rng, corners, places),
-            device,
-            beside(rng, corners),
-            words=[f"{place} among obstacles" for place in places],
-        )
+        total += judged(name, shape, poses_about(rng, corners, places), device, words=places)
+        some = places[::4]
+        words = [f"{place} among obstacles" for place in some]
+        poses, obstacles = poses_about(rng, corners, some), beside(rng, corners)
+        total += judged(name, shape, poses, device, obstacles, words=words)
     return total
 
 
@@ -123,8 +126,27 @@ def assert_right(verdicts: Verdicts, limits: Limits | None = None) -> None:
 
 @pytest.mark.parametrize("kind", kinds.KINDS)
 def test_every_awkward_kind_of_mesh_is_seen_as_rays_see_it(kind, table, rounds):
-    limit = (90.0, 80.0, 60.0)[list(kinds.KINDS).index(kind) % 3]
-    table.append(verdicts_on(kind, kinds.KINDS[kind](), limit, rounds))
+    shape, nth = kinds.KINDS[kind](), list(kinds.KINDS).index(kind)
+    device = device_for(shape, limit_deg=(90, 80, 60)[nth % 3], near=(0, 0, 0, 0.02)[nth % 4])
+    places = 4 * (INSIDE, NEAR, BESIDE) if kind in kinds.FROM_WITHIN else 2 * PLACES
+    table.append(verdicts_on(kind, shape, device, rounds, places))
+    assert_right(table[-1])
+
+
+def test_obstacles_that_coincide_with_faces_do_not_hide_them(table, rounds):
+    sheets = shapes.plate(1.6, 1.2, cells=(16, 12))
+    lying = [
+        shapes.moved(
+            shapes.plate(0.9, 0.7, cells=(5, 4)), (0.2, 0.1, 0), kinds.turned((0, 0, 1), 30)
+        ),
+        shapes.flipped(shapes.plate(0.7, 0.9, (-0.5, 0, 0), cells=(3, 3))),
+        kinds.sides((0.4, 0.4, 0.3), (0.3, -0.2, 0.15), 2),  # stands on them
+    ]
+    tilt = kinds.turned((1, 2, 3), 50)
+    sheets, *lying = (shapes.moved(one, (0.3, 0.2, 0.1), tilt) for one in (sheets, *lying))
+    corners, places = corners_of(sheets), (2 + 2 * rounds) * (AROUND, NEAR, BESIDE)
+    poses = poses_about(seeded("lying"), corners, places)
+    table.append(judged("lying obstacles", sheets, poses, device_for(sheets), lying, words=places))
     assert_right(table[-1])
 
 
@@ -134,12 +156,22 @@ def test_every_real_part_is_seen_as_rays_see_it(part, table, rounds, shared_data
     if not path.is_file():
         pytest.skip(f"the part {path} is not present")
     model = load_model(path)
-    table.append(verdicts_on(part, (model.vertices, model.faces), 80.0, rounds))
+    shape = (model.vertices, model.faces)
+    table.append(verdicts_on(part, shape, device_for(shape), rounds))
     assert_right(table[-1])
 
 
+def test_hardly_a_face_of_all_those_meshes_is_missed_at_auto(table):
+    if len(table) < 20:
+        pytest.skip(f"only {len(table)} meshes were looked at")
+    for way in ways(("pixels",), ("auto",)):
+        figures = [mesh.total(way) for mesh in table]
+        half, missed = sum(one.half for one in figures), sum(one.missed for one in figures)
+        assert missed <= 3e-3 * half, f"{way}: {missed} of {half}"
+
+
 @pytest.mark.parametrize("arm", range(1, 7))
-def test_centres_of_arms_before_their_holder_are_seen_as_rays_see_them(arm, table, shared_data):
+def test_arms_before_their_holder_are_seen_as_rays_see_them(arm, table, shared_data):
     model, holder = (
         load_model(shared_data / "arms" / f"{name}.stl") for name in (f"arm{arm}", "holder")
     )
@@ -154,7 +186,9 @@ def test_centres_of_arms_before_their_holder_are_seen_as_rays_see_them(arm, tabl
     poses = np.concatenate([table_8(), random_poses(seeded(f"arm{arm}"), 50, 260.0)])
     pair = [(one.vertices, one.faces) for one in (model, holder)]
     table.append(judged(f"arm{arm}", pair[0], poses, device, pair[1:], those=ways(("centroid",))))
-    assert_right(table[-1], Limits(iou=0.9995))
+    by_pixels = ways(("pixels",), ("auto",))
+    table[-1] += judged("", pair[0], poses[:12], device, pair[1:], those=by_pixels)
+    assert_right(table[-1], Limits(missed_percent=0.3, iou=0.9995))
 
 
 def table_8() -> np.ndarray:
@@ -203,4 +237,4 @@ def test_a_room_of_large_faces_is_seen_as_rays_see_it(criterion, table, shared_d
             those=[Way(criterion, "auto", way.casts) for way in ways(("pixels",), ("auto",))],
         )
     )
-    assert_right(table[-1], Limits(iou=0.9995, missed_any_percent=0.4))
+    assert_right(table[-1], Limits(missed_percent=0.3, iou=0.9995, missed_any_percent=0.4))

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from judge import Figures, Judge
+from figures import Figures, Truth
+from judge import Judge
 from oracle import Eye
 from shapes import Shape
 from sight import mapper, sensor
@@ -124,11 +125,19 @@ def corners_of(shape: Shape) -> np.ndarray:
     return np.asarray(vertices, dtype=float)[faces]
 
 
-def device_for(shape: Shape, resolution=(320, 240), *, limit_deg: float = 80.0) -> Sensor:
-    """Return a pinhole of 60 x 45 degrees that reaches three times as far as the mesh is large."""
+def device_for(shape: Shape, *, limit_deg: float = 80.0, near: float = 0.0) -> Sensor:
+    """Return a pinhole of 60 x 45 degrees that reaches three times as far as the mesh is large.
+
+    ``near`` is its least distance as a share of the mesh's size.
+    """
     size = size_of(corners_of(shape))[1]
     return sensor(
-        hfov_deg=60, vfov_deg=45, resolution=resolution, far=3 * size, max_incidence_deg=limit_deg
+        hfov_deg=60,
+        vfov_deg=45,
+        resolution=(320, 240),
+        near=near * size,
+        far=3 * size,
+        max_incidence_deg=limit_deg,
     )
 
 
@@ -149,9 +158,9 @@ def poses_about(
         The triangles.
     places : sequence of str
         AROUND at half to one and a half sizes, looks somewhere into the box; SQUARE looks along
-        an axis of the world at the middle; INSIDE anywhere in the box, looks anywhere; NEAR a
-        hundredth of the size from a face, on either side, looks at it; BESIDE a thirtieth from
-        a face, looks along it.
+        an axis of the world at about the middle; INSIDE anywhere in the box, looks anywhere; NEAR a
+        hundredth to a tenth of the size from a face, more often before it than behind, looks at
+        it; BESIDE a thirtieth from a face, looks along it.
     """
     middle, size = size_of(corners)
     half = np.ptp(corners, axis=(0, 1)) / 2
@@ -166,15 +175,16 @@ def poses_about(
         elif place == SQUARE:
             axis = int(rng.integers(3))
             direction = np.eye(3)[axis] * rng.choice([-1, 1])
-            position = middle - size * direction
+            # a bit aside: in the very plane of a face nobody can say which side is seen
+            position = middle - size * (direction + rng.uniform(-0.05, 0.05, size=3))
         elif place == INSIDE:
             position = middle + half * rng.uniform(-0.9, 0.9, size=3)
             direction = aside
         else:
             face = rng.choice(len(corners), p=area / area.sum())
             weights = rng.dirichlet(np.ones(3))
-            away = normal[face] / area[face] * rng.choice([-1, 1])
-            far = 0.01 if place == NEAR else 1 / 30
+            away = normal[face] / area[face] * rng.choice([-1, 1, 1])
+            far = 10 ** rng.uniform(-2, -1) if place == NEAR else 1 / 30
             position = weights @ corners[face] + far * size * away
             along = np.cross(away, aside)
             along /= np.linalg.norm(along)
@@ -207,7 +217,7 @@ def judged(
     words : sequence of str
         What each pose is, for people.
     at_most : int
-        As of ``Judge.of_pixels``.
+        As of ``Truth.of_pixels``.
     """
     corners = corners_of(shape)
     hiding = np.concatenate([corners_of(one) for one in obstacles]) if obstacles else None
@@ -222,16 +232,16 @@ def judged(
     }
     result = Verdicts(name, len(corners), {way: [] for way in those})
     for i, pose in enumerate(poses):
-        judge = Judge(pose, Eye.of(device), corners, hiding)
+        truth = Truth(Judge(pose, Eye.of(device), corners, hiding))
         eye, towards = np.round(pose[:3, 3], 6).tolist(), np.round(-pose[:3, 2], 6).tolist()
         word = words[i] if i < len(words) else ""
         result.poses.append(f"pose {word} at {eye} towards {towards}".replace("  ", " "))
         for way in those:
             if way.criterion == "centroid":
-                figures = judge.of_centroids(maps[way][i])
+                figures = truth.of_centroids(maps[way][i])
             else:
                 image = drawn[way] if way.resolution == "auto" else None
-                figures = judge.of_pixels(maps[way][i], device.resolution, image, at_most=at_most)
+                figures = truth.of_pixels(maps[way][i], device.resolution, image, at_most=at_most)
             result.by_pose[way].append(figures)
     return result
 
