@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from judge import Judge, Verdict
 
-POINTS = 8  # a side: a face is judged by 64 points
+POINTS = 8  # a side: a face is judged by 64 points, its centre is one of them
 _CLOSER = (16, 64)  # points a side of a face that is called visible while none of the 64 shows
 
 
@@ -25,7 +25,7 @@ class Figures:
     both: int = 0  # centres free in truth and in the map
     either: int = 0
     excused: int = 0  # faces left out of all this because rounding decides on them
-    judged: int = 0  # faces that look at the sensor
+    judged: int = 0  # faces that the maps call visible or the truth may
 
     def __iadd__(self, other: Figures) -> Figures:
         for one in fields(self):
@@ -74,38 +74,32 @@ class Truth:
             both=int(np.count_nonzero(visible & truth.free & sure)),
             either=int(np.count_nonzero((visible | truth.free) & sure)),
             excused=int(np.count_nonzero(truth.doubtful)),
-            judged=int(np.count_nonzero(self._judge.facing)),
+            judged=int(np.count_nonzero(visible | truth.possibly)),
         )
 
     def of_pixels(
-        self,
-        visible: np.ndarray,
-        sensor_pixels: tuple[int, int],
-        drawn: tuple[int, int] | None = None,
-        *,
-        at_most: int = 120,
+        self, visible: np.ndarray, pixels: tuple[int, int] | None = None, *, at_most: int = 120
     ) -> Figures:
-        """Return the figures of a map (F,) made by pixels.
+        """Return the figures of a map (F,) made by pixels, or by points of faces in their stead.
 
         Parameters
         ----------
         visible : (F,) bool
             The map.
-        sensor_pixels : (int, int)
-            The sensor's own.
-        drawn : (int, int), optional
-            Those of the image that decided, where it was not the sensor's; where it was, only
-            faces that cover two of its pixels' centres can be missed.
+        pixels : (int, int), optional
+            Those of the image that alone decided: a face that shows in one is seen, and only one
+            that covers two of their centres can be missed. None: points of faces decided.
         at_most : int
             Suspects of a pose that are looked at closely; of more a share at random.
         """
         surely, possibly = self._shares
-        is_large = True if drawn else self._judge.pixels(sensor_pixels)[0] >= 2
-        half, shows = is_large & (surely >= 0.5), is_large & (surely > 0)
         suspects = np.flatnonzero(visible & (possibly == 0))
-        for size in (sensor_pixels, drawn) if drawn else (sensor_pixels,):
-            if len(suspects):
-                suspects = suspects[self._judge.pixels(size)[1][suspects] == 0]
+        is_large = np.ones(len(visible), dtype=bool)
+        if pixels is not None:
+            in_pixels = self._judge.pixels(pixels)
+            is_large = in_pixels[0] >= 2
+            suspects = suspects[in_pixels[1][suspects] == 0]
+        half, shows = is_large & (surely >= 0.5), is_large & (surely > 0)
         excused = visible & (possibly > 0) & (surely == 0)
         excused |= ~visible & is_large & (possibly >= 0.5) & (surely < 0.5)
         return Figures(
@@ -116,7 +110,7 @@ class Truth:
             any=int(np.count_nonzero(shows)),
             missed_any=int(np.count_nonzero(shows & ~visible)),
             excused=int(np.count_nonzero(excused)),
-            judged=int(np.count_nonzero(self._judge.facing)),
+            judged=int(np.count_nonzero(visible | (is_large & (possibly > 0)))),
         )
 
     def _wrong_of(self, suspects: np.ndarray, at_most: int) -> float:

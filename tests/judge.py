@@ -136,10 +136,19 @@ class Fan:
         counts = spans[:, 0] * spans[:, 1]
         triangle = np.repeat(np.arange(len(alive)), counts)
         nth = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
-        wide = spans[triangle, 0]
-        cell = (first[triangle, 1] + nth // wide) * n + first[triangle, 0] + nth % wide
+        down, along = np.divmod(nth, spans[triangle, 0])
+        column, row = first[triangle, 0] + along, first[triangle, 1] + down
+        triangle = alive[triangle]
+        meets = np.ones(len(triangle), dtype=bool)
+        for k in range(3):  # a long triangle aslant fills little of its box
+            plane = self._planes[triangle, k]
+            most = plane[:, 0] * (corner[0] + (column + 0.5) / scale[0]) - plane[:, 2]
+            most += plane[:, 1] * (corner[1] + (row + 0.5) / scale[1])
+            most += (np.abs(plane[:, :2]) / scale).sum(axis=1) / 2
+            meets &= most > -2 * pad
+        cell, triangle = (row * n + column)[meets], triangle[meets]
         order = np.argsort(cell, kind="stable")
-        triangle = alive[triangle[order]]
+        triangle = triangle[order]
         begins = np.searchsorted(cell[order], np.arange(n * n + 1))
         at = _cell_of(tangent - corner, scale, n) @ [1, n]
         rays = np.argsort(at, kind="stable")
@@ -219,11 +228,6 @@ class Judge:
         cross = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
         self._has_area = self._fan.has_area[: self.n] & (cross != 0).any(axis=1)
         self._pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
-
-    @property
-    def facing(self) -> np.ndarray:
-        """Faces whose front is towards the eye, (F,) bool."""
-        return self._has_area & (self._fan.height[: self.n] > 0)
 
     def centroids(self) -> Verdict:
         """Return the verdict on each face's centre of mass, (F,)."""
@@ -371,33 +375,49 @@ class Judge:
 
     def _count_pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         rays = pixel_directions(np.eye(4), self.eye.tan_half, resolution).reshape(-1, 3)
-        counts = np.zeros((2, self.n), dtype=np.int64)
+        ray, face, inside, near = self._met(rays)
+        if not len(ray):
+            return np.zeros(self.n, dtype=np.int64), np.zeros(self.n, dtype=np.int64)
+        length = np.linalg.norm(rays, axis=1)[ray]
+        margin = _SHARE + self._rounding * near / length
+        # of each ray the nearest that rounding may show, and the nearest that it must
+        outer, inner = np.zeros(len(rays)), np.zeros(len(rays))
+        may, must = inside >= -margin, inside >= margin
+        np.maximum.at(outer, ray[may], near[may])
+        np.maximum.at(inner, ray[must], near[must])
+        is_first = must & (near == inner[ray])
+        height = np.zeros(len(rays))
+        height[ray[is_first]] = np.abs(self._fan.height[face[is_first]])
+        clear = (inner[ray] / near - 1) * height[ray]
+        shows = may & (clear <= _CLEAR * length / near + self._rounding)
+        shows &= face < self.n  # obstacles show and are not counted
+        ray, face, near, must = ray[shows], face[shows], near[shows], must[shows]
+        passes = self._margin(rays[ray] / near[:, None], face)
+        surely = must & (passes > 1) & (near >= outer[ray] * (1 - _BEFORE)) & self._has_area[face]
+        return (
+            np.bincount(face[surely], minlength=self.n),
+            np.bincount(face[passes > -1], minlength=self.n),
+        )
+
+    def _met(self, rays: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return which rays (R, 3) of unit depth meet which triangles, near their edges as well.
+
+        Of P pairs: ray, triangle, the angle inside, the nearness; beyond the clip plane alone.
+        """
+        # rounding moves the edges of what is nearest most
+        margin = _SHARE + self._rounding / max(self._clip, 1e-2 * self._rounding)
+        found: list[tuple[np.ndarray, ...]] = []
         for mine, some in self._fan.cells(rays):
-            if not len(some):
-                continue
-            inside, nearness = self._fan.meets(rays[mine], some)
-            if self._clip:
-                nearness[nearness * self._clip > 1] = 0
-            length = np.linalg.norm(rays[mine], axis=1)[:, None]
-            margin = _SHARE + self._rounding * np.maximum(nearness, 0) / length
-            # the nearest that rounding may show, and the nearest that it must
-            outer = np.where(inside >= -margin, nearness, 0).max(axis=1)
-            sure = np.where(inside >= margin, nearness, 0)
-            first = sure.argmax(axis=1)
-            inner = sure[np.arange(len(mine)), first]
-            height = np.abs(self._fan.height[some[first]])
-            row, column = np.nonzero(
-                (inside >= -margin) & (nearness > 0) & (nearness >= 0.99 * inner[:, None])
+            inside, near = self._fan.meets(rays[mine], some)
+            row, column = np.nonzero((inside >= -margin) & (near > 0))
+            found.append((mine[row], some[column], inside[row, column], near[row, column]))
+        if not found:
+            return (
+                np.zeros(0, dtype=np.int64),
+                np.zeros(0, dtype=np.int64),
+                np.zeros(0),
+                np.zeros(0),
             )
-            near, face = nearness[row, column], some[column]
-            clear = (inner[row] / near - 1) * height[row]
-            own = face < self.n  # obstacles show and are not counted
-            own &= clear <= _CLEAR * length[row, 0] / near + self._rounding
-            row, column, near, face = row[own], column[own], near[own], face[own]
-            passes = self._margin(rays[mine[row]] / near[:, None], face)
-            surely = (passes > 1) & (inside[row, column] >= margin[row, column])
-            surely &= near >= outer[row] * (1 - _BEFORE)
-            surely &= self._has_area[face]
-            counts[0] += np.bincount(face[surely], minlength=self.n)
-            counts[1] += np.bincount(face[passes > -1], minlength=self.n)
-        return counts[0], counts[1]
+        ray, face, inside, near = map(np.concatenate, zip(*found, strict=True))
+        beyond = near * self._clip <= 1
+        return ray[beyond], face[beyond], inside[beyond], near[beyond]

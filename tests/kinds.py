@@ -150,6 +150,19 @@ def laminate(gap: float) -> Shape:
     )
 
 
+def closed_gaps(gap: float) -> Shape:
+    """Return sheets and their backs ``gap`` apart, far from the box's middle, beside a tower.
+
+    Where the gap is less than float32 can hold up there, all of them coincide.
+    """
+    sheets = [shapes.plate(1.4 - 0.2 * k, 1.1 - 0.1 * k, cells=(8 - k, 9)) for k in range(4)]
+    sheets = [
+        moved(flipped(one) if k == 2 else one, (0, 0, gap * k)) for k, one in enumerate(sheets)
+    ]
+    tower = sides((0.1, 0.1, 1.5), (0.9, 0, -0.4), cells=6)
+    return moved(merged(*sheets, tower), (0, 0, 0.3))
+
+
 def blinds() -> Shape:
     """Return slats a thousandth thick before a wall of small faces, seen through their gaps."""
     slats = [
@@ -438,6 +451,7 @@ KINDS: dict[str, Callable[[], Shape]] = {
     "back to back, no gap": lambda: back_to_back(0.0),
     "laminate, gap 1e-4": lambda: laminate(1e-4),
     "laminate, gap 1e-5": lambda: moved(laminate(1e-5), (0, 0, 0), turned((2, 1, 3), 70)),
+    "gaps of 1e-10": lambda: closed_gaps(1e-10),
     "blinds": blinds,
     "perforated sheet": perforated,
     "coincident": coincident,
@@ -468,3 +482,6 @@ KINDS: dict[str, Callable[[], Shape]] = {
 
 # Wound so that little is seen from without.
 FROM_WITHIN = ("inside out", "patchwork of windings", "room")
+
+# With gaps that float32 numbers close.
+CLOSED_GAPS = ("gaps of 1e-10",)

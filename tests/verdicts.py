@@ -18,10 +18,8 @@ from shapes import Shape
 from sight import mapper, sensor
 
 from glvis.camera import camera_to_world
-from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.selftest import can_cast
-from glvis.sight.visibility import VisibilityOptions, render_resolution
 
 AROUND, SQUARE, INSIDE, NEAR, BESIDE = "around", "square", "inside", "near", "beside"
 PLACES = (AROUND, SQUARE, INSIDE, NEAR, BESIDE)
@@ -147,6 +145,14 @@ def size_of(corners: np.ndarray) -> tuple[np.ndarray, float]:
     return (low + high) / 2, float(np.linalg.norm(high - low))
 
 
+def rounded(corners: np.ndarray | None, middle: np.ndarray) -> np.ndarray | None:
+    """Return triangles (F, 3, 3), if any, as float32 numbers relative to a point (3,) hold them.
+
+    What coincides there coincides in float64 again.
+    """
+    return None if corners is None else middle + (corners - middle).astype(np.float32)
+
+
 def poses_about(
     rng: np.random.Generator, corners: np.ndarray, places: Sequence[str] = PLACES
 ) -> np.ndarray:
@@ -203,6 +209,7 @@ def judged(
     those: Iterable[Way] | None = None,
     words: Sequence[str] = (),
     at_most: int = 120,
+    in_single: bool = False,
 ) -> Verdicts:
     """Return the figures of all maps of a mesh from N poses.
 
@@ -218,18 +225,16 @@ def judged(
         What each pose is, for people.
     at_most : int
         As of ``Truth.of_pixels``.
+    in_single : bool
+        Whether rays meet the mesh as float32 numbers hold it: for gaps that those close.
     """
     corners = corners_of(shape)
     hiding = np.concatenate([corners_of(one) for one in obstacles]) if obstacles else None
     those = ways() if those is None else list(those)
     maps = {way: _maps(way, shape, poses, device, obstacles, corners) for way in those}
-    model = Model.from_arrays(name, *shape)
-    drawn = {
-        way: render_resolution(
-            VisibilityOptions(criterion=way.criterion, resolution=way.resolution), device, model
-        )
-        for way in those
-    }
+    if in_single:
+        middle, _ = size_of(corners)
+        corners, hiding = rounded(corners, middle), rounded(hiding, middle)
     result = Verdicts(name, len(corners), {way: [] for way in those})
     for i, pose in enumerate(poses):
         truth = Truth(Judge(pose, Eye.of(device), corners, hiding))
@@ -240,8 +245,8 @@ def judged(
             if way.criterion == "centroid":
                 figures = truth.of_centroids(maps[way][i])
             else:
-                image = drawn[way] if way.resolution == "auto" else None
-                figures = truth.of_pixels(maps[way][i], device.resolution, image, at_most=at_most)
+                pixels = device.resolution if way.resolution == "sensor" else None
+                figures = truth.of_pixels(maps[way][i], pixels, at_most=at_most)
             result.by_pose[way].append(figures)
     return result
 
