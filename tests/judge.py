@@ -220,10 +220,10 @@ class Judge:
         self._clip = NEAREST * eye.max_distance if math.isfinite(eye.max_distance) else 0.0
         self._fan = Fan(self._corners, self._clip)
         middle = (own.min(axis=(0, 1)) + own.max(axis=(0, 1))) / 2
-        # float32 holds coordinates relative to the model's middle to this
-        self._rounding = (
-            _STEPS * 2.0**-23 * float(np.linalg.norm(everything - middle, axis=2).max())
-        )
+        # float32 holds coordinates relative to the model's middle to this, of each and of all
+        reach = np.linalg.norm(everything - middle, axis=2).max(axis=1)
+        self._roundings = _STEPS * 2.0**-23 * reach
+        self._rounding = float(self._roundings.max())
         # in the file's own numbers: turned by the pose, a line is a triangle of rounding
         cross = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
         self._has_area = self._fan.has_area[: self.n] & (cross != 0).any(axis=1)
@@ -280,7 +280,7 @@ class Judge:
         eye, depth = self.eye, -points[:, 2]
         length = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
         rounding = _SHARE + self._rounding / length
-        turning = rounding + self._rounding / np.maximum(self._fan.width[own], 1e-300)
+        turning = rounding + self._turning(own)
         cosine = self._fan.height[own] / length
         tan_x, tan_y = eye.tan_half
         passing = [
@@ -302,9 +302,13 @@ class Judge:
         inside = np.all((low <= tan) & (high >= -tan), axis=1)
         # not quite: seen from far or edge-on, rounding may turn a face to the eye
         reach = np.linalg.norm(self._corners[faces], axis=2).max(axis=1)
-        turning = _SHARE + self._rounding / np.maximum(self._fan.width[faces], 1e-300)
+        turning = _SHARE + self._turning(faces)
         towards = self._fan.height[faces] > -turning * reach - self._rounding
         return inside & self._has_area[faces] & towards
+
+    def _turning(self, faces: np.ndarray) -> np.ndarray:
+        """Return by which angles rounding may turn faces (f,), in radians, (f,)."""
+        return self._roundings[faces] / np.maximum(self._fan.width[faces], 1e-300)
 
     # --- rays against triangles
 
@@ -405,7 +409,7 @@ class Judge:
         Of P pairs: ray, triangle, the angle inside, the nearness; beyond the clip plane alone.
         """
         # rounding moves the edges of what is nearest most
-        margin = _SHARE + self._rounding / max(self._clip, 1e-2 * self._rounding)
+        margin = min(_SHARE + self._rounding / max(self._clip, 1e-300), 1e-3)
         found: list[tuple[np.ndarray, ...]] = []
         for mine, some in self._fan.cells(rays):
             inside, near = self._fan.meets(rays[mine], some)
