@@ -20,6 +20,17 @@ def pytest_addoption(parser):
         action="store_true",
         help="write the golden pictures anew, to be looked at before they are committed",
     )
+    parser.addoption(
+        "--all-meshes",
+        action="store_true",
+        help="print the figures of every mesh of tests/test_any_mesh.py, not of the worst alone",
+    )
+    parser.addoption(
+        "--rounds",
+        type=int,
+        default=1,
+        help="how often tests/test_any_mesh.py draws the poses of a mesh (default 1)",
+    )
 
 
 @pytest.fixture(autouse=True)
