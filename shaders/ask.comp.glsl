@@ -1,19 +1,19 @@
 #version 430 core
 // Asks about points of faces: which pass the filters (Sec. 2.1.1: CropFOV, CropBack, CropNorm,
 // CropNear), and in which cell each lies. One invocation a face of the clusters listed.
-// in:  listed       clusters + 1 that may have a face to count; faces where MANY is defined
+// in:  listed       clusters + 1 that may have a face to count; faces where PARTS is defined
 //      face_centres two texels a face: centre of mass, unit normal; float bits
 // out: heads        record + 1 of the point that came last to a cell, 0: none
 //      records      (column, row, 1) * depth of a point as float bits, and the record + 1 of the
 //                   point that came before it to the same cell
 //      tiles        depth bits of the farthest point, by tile
 //      free         record + 1 of the face's centre where a point passes the filters, else 0
-// MANY is defined where 64 points of a face are asked about, the centres of mass of its congruent
-// parts: one work group a face, one invocation a point, and a list of faces in place of clusters.
+// PARTS is defined where several points of a face are asked about, the centres of mass of its
+// PARTS x PARTS congruent parts: an invocation a point, and a list of faces + 1 in place of clusters.
 // Else it is each face's own centre of mass.
 layout(local_size_x = 64) in;
 #include "view.glsl"
-#ifdef MANY
+#ifdef PARTS
 #include "corners.glsl"
 #endif
 layout(binding = 1) uniform usampler2D face_centres;
@@ -26,7 +26,7 @@ layout(std430, binding = 2) buffer Free { uint free[]; };
 // Ask about a point (relative to the origin) of a face: `own` is the record of its centre.
 void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own) {
     vec3 place = in_grid(point);
-    vec2 at = place.xy / place.z;
+    vec2 at = place.xy / place.z + 0.5 * vec2(size);
     vec3 back = eye.xyz - point;
     float towards = dot(normal, back);
     bool passes = place.z >= working_range.x && place.z <= working_range.y;
@@ -46,14 +46,18 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own) {
 }
 
 void main() {
-#ifdef MANY
-    uint face = listed[first_listed + gl_WorkGroupID.x], k = gl_LocalInvocationIndex;
+#ifdef PARTS
+    const uint points = uint(PARTS * PARTS);
+    uint i = gl_GlobalInvocationID.x, k = i % points, entry = listed[first_listed + i / points];
+    bool is_listed = entry != 0u;
+    uint face = max(entry, 1u) - 1u;
     vec3[3] corners = corners_of(face);
-    // parts (u, v) of an 8 x 8 parallelogram; the half beyond the face folds back into it
-    vec2 uv = vec2(k & 7u, k >> 3);
-    uv = (uv.x + uv.y < 7.5 ? uv + 1.0 / 3.0 : 7.0 - uv + 2.0 / 3.0) / 8.0;
+    // parts (u, v) of a parallelogram; the half beyond the face folds back into it
+    vec2 uv = vec2(k % uint(PARTS), k / uint(PARTS));
+    bool is_folded = uv.x + uv.y > float(PARTS) - 0.5;
+    uv = (is_folded ? float(PARTS - 1) - uv + 2.0 / 3.0 : uv + 1.0 / 3.0) / float(PARTS);
     vec3 point = corners[0] + uv.x * (corners[1] - corners[0]) + uv.y * (corners[2] - corners[0]);
-    uint record = first_extra + 64u * gl_WorkGroupID.x + k;
+    uint record = first_extra + i;
 #else
     uint i = invocation(), cluster = listed[first_listed + (i >> size_log2)];
     uint face = ((max(cluster, 1u) - 1u) << size_log2) + (i & ((1u << size_log2) - 1u));
@@ -61,8 +65,8 @@ void main() {
     ivec2 at = ivec2(2u * (face % FACES_A_LINE), face / FACES_A_LINE);
     vec3 normal = uintBitsToFloat(texelFetch(face_centres, at + ivec2(1, 0), 0).xyz);
     uint own = first_record + face;
-#ifdef MANY
-    ask(true, point, normal, record, own);
+#ifdef PARTS
+    ask(is_listed, point, normal, record, own);
 #else
     ask(cluster != 0u, uintBitsToFloat(texelFetch(face_centres, at, 0).xyz), normal, own, own);
 #endif

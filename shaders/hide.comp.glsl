@@ -22,7 +22,8 @@ layout(std430, binding = 1) buffer Dispatches { uint dispatches[]; };
 layout(std430, binding = 3) buffer Unfinished { uint unfinished; };
 layout(std430, binding = 2) buffer Free { uint free[]; };
 
-const float ROUNDING = 5e-7;    // some steps of float32, 2^-24 each
+const float STEP = 1.2e-7;      // of float32, 2^-23
+const float ROUNDING = 3.0 * STEP;
 const float CELL = 1e-3;        // margin around cells; harmless: it only makes more of them visited
 const float FAR = 1e9;          // beyond all cells
 const int MANY = 4096;          // cells from which a face is left to the second run
@@ -43,7 +44,12 @@ void main() {
     vec3 a = in_grid(corners[0]), b = in_grid(corners[1]), c = in_grid(corners[2]);
     vec3 ab = b - a, bc = c - b, ca = a - c;
     // the plane n . x = d, turned so that the eye lies at n . x < d
-    vec3 n = cross(ab, bc);
+    // by the two shorter edges, for the sake of slivers
+    vec3 lengths = vec3(dot(ab, ab), dot(bc, bc), dot(ca, ca));
+    float longest = max(lengths.x, max(lengths.y, lengths.z));
+    vec3 u = lengths.x == longest ? bc : lengths.y == longest ? ca : ab;
+    vec3 v = lengths.x == longest ? ca : lengths.y == longest ? ab : bc;
+    vec3 n = cross(u, v);
     float d = dot(n, a);
     float side = sign(d);
     // planes through the eye and the edges: e . x >= 0 inside, one a component
@@ -51,21 +57,22 @@ void main() {
     vec3 ex = vec3(first.x, second.x, third.x);
     vec3 ey = vec3(first.y, second.y, third.y);
     vec3 ez = vec3(first.z, second.z, third.z);
-    vec2 extent = vec2(size);
-    ez += ROUNDING * (abs(ex) * extent.x + abs(ey) * extent.y + abs(ez));
+    vec2 extent = vec2(size), middle = 0.5 * extent;
+    ez += ROUNDING * (abs(ex) * middle.x + abs(ey) * middle.y + abs(ez));
     n *= side;
     d *= side;
-    n.z -= ROUNDING * (abs(n.x) * extent.x + abs(n.y) * extent.y + abs(n.z));
+    n.z -= ROUNDING * (abs(n.x) * middle.x + abs(n.y) * middle.y + abs(n.z));
     // of a sliver, the plane's direction is rounding: so much over the length of the face
-    vec3 u = abs(ab), v = abs(bc);
-    d += ROUNDING * dot(u.yzx * v.zxy + u.zxy * v.yzx, max(abs(ca), max(u, v)));
+    u = abs(u);
+    v = abs(v);
+    d += STEP * dot(u.yzx * v.zxy + u.zxy * v.yzx, u + v);
 
     // cells: of the box around the face, and row by row between its edges
     vec2 low = vec2(0.0), high = extent;
     if (min(a.z, min(b.z, c.z)) > near) {
         vec2 p = a.xy / a.z, q = b.xy / b.z, r = c.xy / c.z;
-        low = min(p, min(q, r));
-        high = max(p, max(q, r));
+        low = min(p, min(q, r)) + middle;
+        high = max(p, max(q, r)) + middle;
     }
     bool is_outside = !is_listed || side == 0.0 || max(a.z, max(b.z, c.z)) <= near
         || any(lessThan(high, vec2(-CELL))) || any(greaterThan(low, extent + CELL));
@@ -83,7 +90,7 @@ void main() {
 #endif
     bvec3 on_left = greaterThan(ex, vec3(0.0)), on_right = lessThan(ex, vec3(0.0));
     vec3 inverse = -1.0 / mix(vec3(1.0), ex, notEqual(ex, vec3(0.0)));
-    vec3 slope = ey * inverse, start = ez * inverse;
+    vec3 slope = ey * inverse, start = (ez - ex * middle.x - ey * middle.y) * inverse;
     vec3 margin = CELL + ROUNDING * (abs(start) + abs(slope) * extent.y);
     vec3 left = mix(vec3(-FAR), start + min(slope, 0.0) - margin, on_left);
     vec3 right = mix(vec3(FAR), start + max(slope, 0.0) + margin, on_right);

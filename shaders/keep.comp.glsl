@@ -33,8 +33,8 @@ void main() {
     vec3 least = middle - reach, most = middle + reach;
     vec2 low = vec2(0.0), high = extent;
     if (least.z > near) {
-        low = min(least.xy / least.z, least.xy / most.z);
-        high = max(most.xy / least.z, most.xy / most.z);
+        low = min(least.xy / least.z, least.xy / most.z) + 0.5 * extent;
+        high = max(most.xy / least.z, most.xy / most.z) + 0.5 * extent;
     }
     ivec2 first = ivec2(clamp(low, vec2(0.0), extent - 1.0)) / TILE;
     ivec2 last = ivec2(clamp(high, vec2(0.0), extent - 1.0)) / TILE;

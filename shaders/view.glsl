@@ -2,11 +2,11 @@
 // The image is a grid of cells, in which points that are asked about are looked up; it has nothing
 // to do with pixels. Row 0 is at the bottom.
 layout(std140, binding = 0) uniform View {
-    mat4 world_to_grid;     // world relative to the origin -> (column, row, 1) * depth
+    mat4 world_to_grid;     // world relative to the origin -> (column, row, 1) * depth, counted from
+                            // the image's middle
     vec4 lattice;           // of packed corners: the middle relative to the origin, and the step
     vec4 eye;               // optical centre relative to the origin
     vec4 backwards;         // unit vector against the optical axis; w: least cosine to it, -2: any
-    vec4 grid_to_tangent;   // scale xy and offset zw from (column, row) to x/-z, y/-z
     vec2 working_range;     // minD, maxD as depth along the optical axis, scene unit
     float min_ray_cos;      // cosine of the largest incidence by the true ray, or 0: any
     float near;             // depth before which nothing hides

@@ -13,7 +13,7 @@ centre is not free.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,6 @@ _VIEW = np.dtype(
         ("lattice", "f4", 4),
         ("eye", "f4", 4),
         ("backwards", "f4", 4),
-        ("grid_to_tangent", "f4", 4),
         ("working_range", "f4", 2),
         ("min_ray_cos", "f4"),
         ("near", "f4"),
@@ -56,15 +55,15 @@ _VIEW = np.dtype(
         ("groups_a_column", "u4"),
         ("first_record", "u4"),
         ("first_extra", "u4"),
-        ("filler", "u4", 15),
+        ("filler", "u4", 19),
     ]
 )
 _LISTED, _DISPATCHES, _FREE, _UNFINISHED = range(4)  # storage buffers of the shaders
 _FACES, _CENTRES, _RECORDS, _HEADS, _BOXES, _TILES = range(6)  # their textures
 _RECORDS_OUT, _HEADS_OUT, _TILES_OUT = range(3)  # their images
-# As the shaders have them: cells along a tile, invocations a work group, records a line, points of
-# a large face; and the work groups that every OpenGL takes along one direction.
-_TILE, _GROUP, _RECORDS_A_LINE, _POINTS, _MOST_GROUPS = 8, 64, 2048, 64, 65535
+# As the shaders have them: cells along a tile, invocations a work group, records a line; and the
+# work groups that every OpenGL takes along one direction.
+_TILE, _GROUP, _RECORDS_A_LINE, _MOST_GROUPS = 8, 64, 2048, 65535
 # What views that are looked at together may take: records (16 bytes each, and 4 more) and cells (4
 # bytes each). More bring nothing on a CPU, and hardware is busy with so many.
 _MOST_RECORDS, _MOST_CELLS = 1 << 21, 1 << 22
@@ -79,7 +78,7 @@ def has_compute() -> bool:
 def can_hold(n_faces: int) -> bool:
     """Return whether one view's records of so many faces fit into a storage buffer."""
     limit = gl_context().info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]
-    return 4 * (n_faces + _POINTS * min(n_faces, _MOST_GROUPS)) <= int(limit)
+    return 4 * (n_faces + _GROUP * min(n_faces, _MOST_GROUPS)) <= int(limit)
 
 
 class Caster:
@@ -142,17 +141,18 @@ class Caster:
         # a record is a place in the order of the clusters
         view, place = np.divmod(self._free(0, n_records), len(clusters.order))
         visible[view, clusters.order[place]] = True
-        closer = _Closer.of(batch, poses, visible) if batch.question.large else None
-        if closer and len(closer.faces):
-            n_more = _POINTS * len(closer.faces)
-            finished = self._has_finished()
-            self._bind(batch, n_records, closer)
-            self._run("ask", closer.list, _GROUP, "MANY")
-            self._hide(batch)
-            view, place = np.divmod(self._free(n_records, n_more), len(clusters.order))
-            visible[view, clusters.order[place]] = True
-            return finished and self._has_finished()
-        return self._has_finished()
+        closer = _closer(batch, poses, visible) if batch.question.large else []
+        if not closer:
+            return self._has_finished()
+        n_more = sum(one.parts**2 * len(one.entries) for one in closer)
+        finished = self._has_finished()
+        self._bind(batch, n_records, closer)
+        for one in closer:
+            self._run("ask", one.list, one.parts**2, f"PARTS {one.parts}")
+        self._hide(batch)
+        view, place = np.divmod(self._free(n_records, n_more), len(clusters.order))
+        visible[view, clusters.order[place]] = True
+        return finished and self._has_finished()
 
     def _has_finished(self) -> bool:
         """Return whether no face was given up on since all was bound."""
@@ -189,19 +189,19 @@ class Caster:
         offset = _VIEW.itemsize * (clusters.first_row + row)
         self._buffers["told"].bind_to_uniform_block(0, offset=offset, size=_VIEW.itemsize)
 
-    def _bind(self, batch: _Batch, n_records: int, closer: _Closer | None = None) -> None:
+    def _bind(self, batch: _Batch, n_records: int, closer: Sequence[_Closer] = ()) -> None:
         """Send what is told of a batch, and bind all that the passes share; no point is asked yet.
 
         Records of what was asked before are left as they are, where points are asked about.
         """
-        lists = [batch.asked, *batch.hiding, *([closer.list] if closer else [])]
+        lists = [batch.asked, *batch.hiding, *(one.list for one in closer)]
         self._hold("told", np.concatenate([one.rows for one in lists]))
         self._hold("dispatches", batch.dispatches).bind_to_storage_buffer(_DISPATCHES)
         unfinished = self._hold("unfinished", np.zeros(1, dtype=np.uint32))
         unfinished.bind_to_storage_buffer(_UNFINISHED)
-        listed = [batch.listed] + ([closer.faces] if closer else [])
-        self._hold("listed", np.concatenate(listed)).bind_to_storage_buffer(_LISTED)
-        n_free = n_records + (_POINTS * len(closer.faces) if closer else 0)
+        listed = np.concatenate([batch.listed, *(one.entries for one in closer)])
+        self._hold("listed", listed).bind_to_storage_buffer(_LISTED)
+        n_free = n_records + sum(one.parts**2 * len(one.entries) for one in closer)
         free = self._room("free", 4 * n_free)
         free.clear()
         free.bind_to_storage_buffer(_FREE)
@@ -290,6 +290,8 @@ class _Batch:
         Clusters that may have a face to count.
     candidates : (n, C) bool
         The same.
+    tan_half : (n, 2) float64
+        Tangents of the views' half opening angles.
     hiding : list of _List
         Clusters in the frusta, of each surface that hides.
     listed : (L,) uint32
@@ -302,6 +304,7 @@ class _Batch:
     question: Question
     asked: _List
     candidates: Bools
+    tan_half: Floats
     hiding: list[_List]
     listed: Words
     dispatches: Words
@@ -345,78 +348,90 @@ class _Batch:
         dispatches[..., [0, 3]] = 0
         for request, one in zip(dispatches, hiding, strict=True):
             request[:, 0, 1] = one.rows["groups_a_column"]
-        parts_of = np.concatenate(parts)
-        return cls(question, asked, masks[0][1][some], hiding, parts_of, dispatches.reshape(-1, 4))
+        return cls(
+            question,
+            asked,
+            masks[0][1][some],
+            views.tan_half[some],
+            hiding,
+            np.concatenate(parts),
+            dispatches.reshape(-1, 4),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Closer:
-    """Faces of the targets that are looked at in many points, view by view.
+    """Faces of the targets that are looked at in several points, view by view.
 
     Attributes
     ----------
-    faces : (K,) uint32
-        Places in the order of the clusters.
+    parts : int
+        Points are the centres of mass of a face's parts x parts congruent parts.
+    entries : (K,) uint32
+        Places + 1 in the order of the clusters; a view's are filled up by zeros.
     list : _List
         What is told.
     """
 
-    faces: Words
+    parts: int
+    entries: Words
     list: _List
 
-    @classmethod
-    def of(cls, batch: _Batch, poses: Floats, visible: Bools) -> _Closer:
-        """Return the faces that may be large in the image, and whose centre is not free.
 
-        Parameters
-        ----------
-        batch : _Batch
-            What was asked before.
-        poses : (n, 4, 4) float64
-            Camera to world.
-        visible : (n, F) bool
-            Faces whose centre is free.
-        """
-        clusters, rows = batch.question.targets.clusters, batch.asked.rows
-        model, table = clusters.model, clusters.table
-        assert batch.question.large is not None
-        near = rows["near"].astype(float)[:, None]
-        half = -rows["grid_to_tangent"][:, 2:].astype(float)
-        backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
-        reach = np.sum(backwards * eyes, axis=1)[:, None]
-        # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
-        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1)[:, None] * (1 + _SLACK)
-        span /= min(batch.question.large)
-        nearest = np.maximum((reach - backwards @ clusters.corners.T).min(axis=1), near[:, 0])
-        some = np.flatnonzero(table.longest >= (nearest / span[:, 0]).min())
-        # faces that look at the eye, in clusters that may count, with no centre free
-        edge = table.longest[some]
-        depth = reach - backwards @ table.centroids[:, some] - edge
-        maybe = edge * span >= np.maximum(depth, near)
-        maybe &= eyes @ table.normals[:, some] > table.offsets[some]
-        view, chosen = np.nonzero(maybe)
-        chosen = some[chosen]
-        kept = batch.candidates[view, chosen // clusters.size]
-        kept &= ~visible[view, table.index[chosen]]
-        view, chosen = view[kept], chosen[kept]
-        corners = model.vertices[model.faces[table.index[chosen]]] - eyes[view, None]
-        corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
-        corners[:, 2] *= -1
-        is_large = np.zeros(len(view), dtype=bool)
-        share = spans(corners, half[view].T, near[view, 0])
-        for k in np.unique(view).tolist():
-            mine = slice(*np.searchsorted(view, [k, k + 1]))
-            touches = beside(model, visible[k], table.index[chosen[mine]])
-            is_large[mine] = share[mine] >= np.where(touches, *batch.question.large)
-        view, chosen = view[is_large], chosen[is_large]
-        n = np.bincount(view, minlength=len(rows))
-        begin = np.cumsum(n) - n
+def _closer(batch: _Batch, poses: Floats, visible: Bools) -> list[_Closer]:
+    """Return the faces that are large in the image, and whose centre is not free.
+
+    Parameters
+    ----------
+    batch : _Batch
+        What was asked before.
+    poses : (n, 4, 4) float64
+        Camera to world.
+    visible : (n, F) bool
+        Faces whose centre is free.
+    """
+    clusters, rows = batch.question.targets.clusters, batch.asked.rows
+    model, table, large = clusters.model, clusters.table, batch.question.large
+    assert large is not None
+    near = rows["near"].astype(float)[:, None]
+    backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
+    reach = np.sum(backwards * eyes, axis=1)[:, None]
+    # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
+    half = batch.tan_half
+    span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1)[:, None] * (1 + _SLACK) / large.least
+    nearest = np.maximum((reach - backwards @ clusters.corners.T).min(axis=1), near[:, 0])
+    some = np.flatnonzero(table.longest >= (nearest / span[:, 0]).min())
+    edge = table.longest[some]
+    depth = reach - backwards @ table.centroids[:, some] - edge
+    maybe = edge * span >= np.maximum(depth, near)
+    maybe &= eyes @ table.normals[:, some] > table.offsets[some]
+    view, chosen = np.nonzero(maybe)
+    chosen = some[chosen]
+    kept = batch.candidates[view, chosen // clusters.size]
+    kept &= ~visible[view, table.index[chosen]]
+    view, chosen = view[kept], chosen[kept]
+    corners = model.vertices[model.faces[table.index[chosen]]] - eyes[view, None]
+    corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
+    corners[:, 2] *= -1
+    share = spans(corners, half[view].T, near[view, 0])
+    touches = np.zeros(len(view), dtype=bool)
+    for k in np.unique(view).tolist():
+        mine = slice(*np.searchsorted(view, [k, k + 1]))
+        touches[mine] = beside(model, visible[k], table.index[chosen[mine]])
+    parts = large.parts(share, touches)
+    found, first, first_listed = [], len(clusters.order) * len(rows), len(batch.listed)
+    for number in np.unique(parts[parts > 0]).tolist():
+        mine = np.flatnonzero(parts == number)
+        entries, begin, n = _filled(view[mine], chosen[mine], len(rows), _GROUP // number**2)
         told = rows.copy()
-        told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
+        told["first_listed"], told["n_listed"] = first_listed + begin, n
         told["groups_a_column"] = 1
-        told["first_extra"] = len(clusters.order) * len(rows) + _POINTS * begin
-        first_row = len(rows) * (1 + len(batch.hiding))
-        return cls(chosen.astype(np.uint32), _List(told, first_row))
+        told["first_extra"] = first + number**2 * begin
+        first_row = len(rows) * (1 + len(batch.hiding) + len(found))
+        found.append(_Closer(number, entries, _List(told, first_row)))
+        first += number**2 * len(entries)
+        first_listed += len(entries)
+    return found
 
 
 def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:
@@ -428,14 +443,22 @@ def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int
     size = surface.clusters.size
     groups = max(1, -(-len(surface.clusters.order) // (_GROUP * _MOST_GROUPS)))
     column = groups * _GROUP // size
-    view, cluster = np.nonzero(mask)
-    n_listed = np.bincount(view, minlength=len(mask))
-    room = -(-n_listed // column) * column
+    return *_filled(*np.nonzero(mask), len(mask), column), groups
+
+
+def _filled(
+    view: Indices, place: Indices, n: int, multiple: int
+) -> tuple[Words, Indices, Indices]:
+    """Return places (K,) + 1 as a list, and where each of n views has its own, and how many.
+
+    A view's are filled up by zeros to a multiple of some number.
+    """
+    n_listed = np.bincount(view, minlength=n)
+    room = -(-n_listed // multiple) * multiple
     begin = np.cumsum(room) - room
     entries = np.zeros(int(room.sum()), dtype=np.uint32)
-    place = np.arange(len(view)) + (begin - (np.cumsum(n_listed) - n_listed))[view]
-    entries[place] = cluster + 1
-    return entries, begin, n_listed, groups
+    entries[np.arange(len(view)) + (begin - (np.cumsum(n_listed) - n_listed))[view]] = place + 1
+    return entries, begin, n_listed
 
 
 def _tiles(grid: tuple[int, int]) -> tuple[int, int]:
@@ -448,18 +471,14 @@ def _of_views(views: Views, some: slice, question: Question, origin: Floats) -> 
     to_camera = views.world_to_camera[some].copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
     to_camera[:, 2] *= -1  # depth instead of z
-    half = np.array(question.grid) / 2
-    scale = half / views.tan_half[some]
+    scale = np.array(question.grid) / 2 / views.tan_half[some]
     to_grid = to_camera.copy()
     to_grid[:, :2] *= scale[..., None]
-    to_grid[:, :2] += half[:, None] * to_camera[:, 2:3]
     told = np.zeros(len(to_grid), dtype=_VIEW)
     told["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
     told["eye"][:, :3] = views.eye[some] - origin
     told["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
     told["backwards"][:, 3] = views.min_axis_cos[some]
-    told["grid_to_tangent"][:, :2] = 1 / scale
-    told["grid_to_tangent"][:, 2:] = -views.tan_half[some]
     told["working_range"][:, 0] = views.min_distance[some]
     told["working_range"][:, 1] = views.max_distance[some]
     told["min_ray_cos"] = views.min_ray_cos[some]

@@ -107,8 +107,9 @@ def parts_in_camera(
     model: Model,
     columns: Indices,
     camera_to_world: Floats,
+    n: int,
 ) -> CameraFaces:
-    """Return the centres of mass of the 64 congruent parts of some faces, as one camera has them.
+    """Return the centres of mass of the n x n congruent parts of some faces, as one camera has them.
 
     Those before the camera, in its frame.
 
@@ -122,24 +123,26 @@ def parts_in_camera(
         Which of the table.
     camera_to_world : (4, 4) float64
         The pose.
+    n : int
+        Parts along a side.
     """
     corners = corners_in_camera(model, table.index.take(columns), camera_to_world)
     normals = camera_to_world[:3, :3].T @ table.normals.take(columns, axis=1)
-    points = np.einsum("pk,kcn->cnp", part_weights(), corners).reshape(3, -1)
-    rows = np.concatenate([points, np.repeat(normals, 64, axis=1)])
-    index = np.repeat(table.index.take(columns), 64)
+    points = np.einsum("pk,kcn->cnp", part_weights(n), corners).reshape(3, -1)
+    rows = np.concatenate([points, np.repeat(normals, n * n, axis=1)])
+    index = np.repeat(table.index.take(columns), n * n)
     before = np.flatnonzero(rows[2] > 0)
     index, rows = index[before], rows[:, before]
     rows[:2] /= rows[2]
     return CameraFaces(index, rows)
 
 
-def part_weights() -> Floats:
-    """Return the centres of mass of a triangle's 64 congruent parts, (64, 3) barycentric."""
-    v, u = np.divmod(np.arange(64), 8)
+def part_weights(n: int) -> Floats:
+    """Return the centres of mass of a triangle's n x n congruent parts, (n * n, 3) barycentric."""
+    v, u = np.divmod(np.arange(n * n), n)
     uv = np.stack([u, v], axis=1).astype(float)
-    # an 8 x 8 parallelogram; the half beyond the face folds back into it
-    uv = np.where((u + v < 8)[:, None], uv + 1 / 3, 7 - uv + 2 / 3) / 8
+    # parts of a parallelogram; the half beyond the face folds back into it
+    uv = np.where((u + v < n)[:, None], uv + 1 / 3, n - 1 - uv + 2 / 3) / n
     return np.concatenate([1 - uv.sum(axis=1, keepdims=True), uv], axis=1)
 
 

@@ -26,7 +26,7 @@ from glvis.sight.crops import (
     parts_in_camera,
 )
 from glvis.sight.culling import Chosen
-from glvis.sight.points import Question, beside, grid_size, large_shares, spans, unhidden
+from glvis.sight.points import LARGE, Question, beside, grid_size, spans, unhidden
 from glvis.sight.renderer import Renderer, Selection, faces_in_images
 from glvis.sight.surface import Surface
 from glvis.sight.views import NEAREST, Views
@@ -72,6 +72,7 @@ class Mapper:
         self._renderer_of = renderer_of
         # the paper's semantics drops faces one by one before they can hide anything
         self._casts = casts and asks_about_points(options) and options.occlusion == "physical"
+        self._large = LARGE if options.criterion == "pixels" else None
         self._questions: dict[Sensor, Question] = {}
 
     def release(self) -> None:
@@ -87,7 +88,7 @@ class Mapper:
                 self.surface,
                 [self.surface, *self._obstacles],
                 grid_size(sensor, self.model),
-                large_shares(self.options),
+                self._large,
             )
         return self._questions[sensor]
 
@@ -133,7 +134,7 @@ class Mapper:
     def _by_points(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces of which a point passes every filter and is hidden by nothing."""
         clusters = self.surface.clusters
-        by_axis, large = self.options.incidence == "axis", large_shares(self.options)
+        by_axis = self.options.incidence == "axis"
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
         for view, (seen, pose) in enumerate(zip(visible, views.camera_to_world, strict=True)):
             places = clusters.places_in(chosen[self.surface].candidates[view])
@@ -150,29 +151,26 @@ class Mapper:
                 triangles.append(corners_in_camera(obstacle.clusters.model, order[some], pose))
             occluders = np.concatenate(triangles, axis=2)
             _mark(seen, faces[crop_points(faces, sensor, by_axis=by_axis)], occluders, sensor)
-            if large:
-                closer = self._closer(places, seen, pose, sensor, large)
-                parts = parts_in_camera(self._table, self.model, closer, pose)
+            for n, closer in self._closer(places, seen, pose, sensor):
+                parts = parts_in_camera(self._table, self.model, closer, pose, n)
                 _mark(seen, parts[crop_points(parts, sensor, by_axis=by_axis)], occluders, sensor)
         return visible
 
     def _closer(
-        self,
-        places: NDArray[np.intp],
-        seen: Bools,
-        pose: Floats,
-        sensor: Sensor,
-        large: tuple[float, float],
-    ) -> NDArray[np.intp]:
-        """Return which of some faces are looked at in many points: large ones not seen (F,) yet."""
+        self, places: NDArray[np.intp], seen: Bools, pose: Floats, sensor: Sensor
+    ) -> list[tuple[int, NDArray[np.intp]]]:
+        """Return which of some faces that are not seen (F,) are large: looked at in n x n points."""
+        if self._large is None:
+            return []
         index = self._table.index.take(places)
         looks = pose[:3, 3] @ self._table.normals.take(places, axis=1) > self._table.offsets[places]
         looks &= ~seen[index]
         places, index = places[looks], index[looks]
         corners = corners_in_camera(self.model, index, pose)
         tan_half = np.array(sensor.intrinsics.tan_half)[:, None]
-        share = spans(corners, tan_half, NEAREST * sensor.max_distance)
-        return places[share >= np.where(beside(self.model, seen, index), *large)]
+        shares = spans(corners, tan_half, NEAREST * sensor.max_distance)
+        parts = self._large.parts(shares, beside(self.model, seen, index))
+        return [(n, places[parts == n]) for n in np.unique(parts[parts > 0]).tolist()]
 
     def _by_paper(self, views: Views, sensor: Sensor) -> Bools:
         """Return the paper's own map: its filters, then one ray to each centre that is left."""

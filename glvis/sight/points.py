@@ -1,7 +1,7 @@
 """Which points of faces are asked about, and what hides them, in NumPy and float64.
 
 A face counts where its centre of mass is free; by the criterion "pixels", where a face is large in
-the image, where any of 64 points of it is. What ``caster`` finds on the GPU is found here wherever
+the image, where any of several points of it is. What ``caster`` finds on the GPU is found here wherever
 it cannot, and for the paper's own semantics: the same points, the same planes, the same grid.
 """
 
@@ -17,23 +17,47 @@ from numpy.typing import NDArray
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.surface import Surface
-from glvis.sight.visibility import VisibilityOptions
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-# Shares of the image's width or height from which a face is looked at in many points: if it touches
-# a face whose centre is free, and if it does not. Of faces of which one of 64 points shows, "pixels"
-# leaves out those that are smaller and show none of their middle: tools/bench prints how many.
-_LARGE = (1 / 48, 1 / 16)
 # Cells that a typical face's side spans at maxD, and cells along the longer side of the image, at
 # least and at most. Maps do not depend on them; their time does, and least here, by tools/bench.
 _CELLS_A_SIDE, _FEWEST, _MOST = 1.1, 56, 1024
 # Share of the way by which an occluder must be nearer than a point to hide it, and of an edge's
-# reach by which a ray may pass beside it: some steps of float64.
-_NEARER, _BESIDE = 1e-9, 1e-13
+# reach by which a ray may pass beside it. What float32 cannot tell apart is one place, as on the GPU.
+_NEARER, _BESIDE = 1e-7, 1e-13
 _PAIRS = 1 << 18  # of points and triangles tested at once
+
+
+@dataclass(frozen=True)
+class Large:
+    """When a face is large in the image, and looked at in several points if its centre is not free.
+
+    Points are the centres of mass of its congruent parts, n x n of them.
+
+    Attributes
+    ----------
+    least : float
+        Share of the image's width or height from which it is looked at in 2 x 2 points, or in
+        8 x 8 if it touches a face whose centre is free: mostly it shows then, too, if little.
+    most : float
+        Share from which it is looked at in 8 x 8 points anyway.
+    """
+
+    least: float
+    most: float
+
+    def parts(self, shares: Floats, touches: Bools) -> Indices:
+        """Return n of faces that span some shares of the image, 0 where they are not large, (n,)."""
+        is_large = shares >= self.least
+        return np.where(is_large & (touches | (shares >= self.most)), 8, np.where(is_large, 2, 0))
+
+
+# Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or are beside
+# none that shows its middle, and show none of theirs: tools/bench prints how many.
+LARGE = Large(1 / 48, 1 / 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +72,14 @@ class Question:
         All that hides: the same surface, and obstacles.
     grid : tuple of int
         Cells (columns, rows) of the image by which points are looked up.
-    large : (float, float), optional
-        Shares of the image from which a face whose centre is not free is asked about at 64 points:
-        where it touches a face whose centre is, and anywhere. None: no face is.
+    large : Large, optional
+        Which faces are asked about at several points; None: none are.
     """
 
     targets: Surface
     hiding: Sequence[Surface]
     grid: tuple[int, int]
-    large: tuple[float, float] | None
-
-
-def large_shares(options: VisibilityOptions) -> tuple[float, float] | None:
-    """Return the shares of the image from which faces are looked at in many points, if they are."""
-    return _LARGE if options.criterion == "pixels" else None
+    large: Large | None
 
 
 def beside(model: Model, seen: Bools, index: Indices) -> Bools:
@@ -105,7 +123,7 @@ def unhidden(points: Floats, triangles: Floats, near: float) -> Bools:
     """Return which points nothing hides from the eye, (P,) bool.
 
     Both sides of a triangle hide. One hides a point where the ray to the point meets it earlier by
-    more than a billionth of the way, so triangles that coincide do not hide each other. Without
+    more than a ten millionth of the way, so triangles that coincide do not hide each other. Without
     area, or seen edge on, it hides nothing.
 
     Parameters

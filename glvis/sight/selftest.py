@@ -18,7 +18,7 @@ from glvis.sight.caster import Caster, has_compute
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_info
 from glvis.sight.culling import Culling
-from glvis.sight.points import Question
+from glvis.sight.points import Large, Question
 from glvis.sight.renderer import Renderer, Selection, depth_along_axis
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
@@ -35,7 +35,7 @@ def can_cast() -> bool:
         return all(
             np.array_equal(_cast(cells, large), _on_wall(cells, large))
             # small faces; two that are larger than the image, by their centres and all over
-            for cells, large in (((10, 8), None), ((1, 1), None), ((1, 1), (1.0, 0.5)))
+            for cells, large in (((10, 8), None), ((1, 1), None), ((1, 1), Large(0.5, 0.5)))
         )
     except MachineError:  # its compiler refuses a shader
         return False
@@ -90,7 +90,7 @@ def _grid(corner: np.ndarray, cell: np.ndarray, cells: tuple[int, int], z: float
     )
 
 
-def _cast(cells: tuple[int, int], large: tuple[float, float] | None) -> np.ndarray:
+def _cast(cells: tuple[int, int], large: Large | None) -> np.ndarray:
     """Return which faces of the wall a Caster sees beside the plate."""
     models = [
         _grid(*_wall_grid(cells), cells, -8.0),
@@ -110,7 +110,7 @@ def _cast(cells: tuple[int, int], large: tuple[float, float] | None) -> np.ndarr
             surface.release()
 
 
-def _on_wall(cells: tuple[int, int], large: tuple[float, float] | None) -> np.ndarray:
+def _on_wall(cells: tuple[int, int], large: Large | None) -> np.ndarray:
     """Return the same by hand: the plate hides all of x > 0."""
     if large:  # half of the picture shows both faces
         return np.ones(2, dtype=bool)
