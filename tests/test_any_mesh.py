@@ -27,7 +27,6 @@ from verdicts import (
     Limits,
     Verdicts,
     Way,
-    badness,
     corners_of,
     device_for,
     head,
@@ -50,7 +49,6 @@ PARTS = (
     "octagonal_pocket.stl",
     "CesiumMilkTruck.glb",
 )
-MOST_EXCUSED = 1.0  # percent of the faces that a map calls visible or the truth may
 
 
 class Table(list[Verdicts]):
@@ -59,7 +57,7 @@ class Table(list[Verdicts]):
     def pytest_terminal_summary(self, terminalreporter, config):
         if not self:
             return
-        rows = sorted(self, key=badness, reverse=True)
+        rows = sorted(self, key=lambda one: one.badness, reverse=True)
         shown = rows if config.getoption("--all-meshes") else rows[:8]
         terminalreporter.section(f"maps against rays: {len(shown)} of {len(rows)}, worst first")
         terminalreporter.write_line(head(ways()))
@@ -119,13 +117,11 @@ def verdicts_on(
     return total
 
 
-def assert_right(verdicts: Verdicts, limits: Limits | None = None) -> None:
-    broken = verdicts.broken(limits)
+def assert_right(verdicts: Verdicts) -> None:
+    broken = verdicts.broken()
     assert not broken, "\n".join(broken)
     for way in verdicts.by_pose:
-        total = verdicts.total(way)
-        assert total.seen > 100, f"{verdicts.name}, {way}: hardly anything is seen"
-        assert total.excused_percent <= MOST_EXCUSED, f"{verdicts.name}, {way}: {total.excused}"
+        assert verdicts.total(way).seen > 100, f"{verdicts.name}, {way}: hardly anything is seen"
 
 
 @pytest.mark.parametrize("kind", kinds.KINDS)
@@ -193,7 +189,8 @@ def test_arms_before_their_holder_are_seen_as_rays_see_them(arm, table, shared_d
     table.append(judged(f"arm{arm}", pair[0], poses, device, pair[1:], those=ways(("centroid",))))
     by_pixels = ways(("pixels",), ("auto",))
     table[-1] += judged("", pair[0], poses[:12], device, pair[1:], those=by_pixels)
-    assert_right(table[-1], Limits(missed_percent=0.3, iou=0.9995))
+    table[-1].limits = Limits(missed_percent=0.3, iou=0.9995)
+    assert_right(table[-1])
 
 
 def table_8() -> np.ndarray:
@@ -242,4 +239,5 @@ def test_a_room_of_large_faces_is_seen_as_rays_see_it(criterion, table, shared_d
             those=[Way(criterion, "auto", way.casts) for way in ways(("pixels",), ("auto",))],
         )
     )
-    assert_right(table[-1], Limits(missed_percent=0.3, iou=0.9995, missed_any_percent=0.4))
+    table[-1].limits = Limits(missed_percent=0.3, iou=0.9995, missed_any_percent=0.4)
+    assert_right(table[-1])
