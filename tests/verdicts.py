@@ -1,7 +1,7 @@
 """Maps of the engine held against the judge: poses about any mesh, the ways maps are made, sums.
 
-A way is a criterion, a resolution and whether small faces are cast in a compute shader or all are
-drawn. All ways of a pose are held against one judgement of it.
+A way is a criterion, a resolution and whether compute shaders may be used. All ways of a pose are
+held against one judgement of it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PLACES = (AROUND, SQUARE, INSIDE, NEAR, BESIDE)
 
 @dataclass(frozen=True)
 class Way:
-    """How a map is made: criterion, resolution ("auto" or "sensor"), cast or drawn."""
+    """How a map is made: criterion, resolution ("auto" or "sensor"), by compute shaders or not."""
 
     criterion: str
     resolution: str
