@@ -7,8 +7,9 @@ a table; the whole table, the worst first, is printed by
 
 By pixels it holds the percentage wrongly seen of what is called visible and the percentage missed
 of what is at least half visible; by centres the intersection over union. Ways: resolution "auto"
-or "sensor", every face drawn, or small ones cast in a compute shader. ``--rounds 5`` looks from
-five times as many poses.
+or "sensor", without and with compute shaders (draw, cast). What rounding may decide is excused:
+the table holds its share, and a large one fails. ``--rounds 5`` looks from five times as many
+poses.
 """
 
 import kinds
@@ -27,7 +28,6 @@ from verdicts import (
     Limits,
     Verdicts,
     Way,
-    badness,
     corners_of,
     device_for,
     head,
@@ -50,7 +50,6 @@ PARTS = (
     "octagonal_pocket.stl",
     "CesiumMilkTruck.glb",
 )
-MOST_EXCUSED = 1.0  # percent of the faces that a map calls visible or the truth may
 
 
 class Table(list[Verdicts]):
@@ -59,7 +58,7 @@ class Table(list[Verdicts]):
     def pytest_terminal_summary(self, terminalreporter, config):
         if not self:
             return
-        rows = sorted(self, key=badness, reverse=True)
+        rows = sorted(self, key=lambda one: one.badness, reverse=True)
         shown = rows if config.getoption("--all-meshes") else rows[:8]
         terminalreporter.section(f"maps against rays: {len(shown)} of {len(rows)}, worst first")
         terminalreporter.write_line(head(ways()))
@@ -119,20 +118,19 @@ def verdicts_on(
     return total
 
 
-def assert_right(verdicts: Verdicts, limits: Limits | None = None) -> None:
-    broken = verdicts.broken(limits)
+def assert_right(verdicts: Verdicts) -> None:
+    broken = verdicts.broken()
     assert not broken, "\n".join(broken)
     for way in verdicts.by_pose:
-        total = verdicts.total(way)
-        assert total.seen > 100, f"{verdicts.name}, {way}: hardly anything is seen"
-        assert total.excused_percent <= MOST_EXCUSED, f"{verdicts.name}, {way}: {total.excused}"
+        assert verdicts.total(way).seen > 100, f"{verdicts.name}, {way}: hardly anything is seen"
 
 
 @pytest.mark.parametrize("kind", kinds.KINDS)
 def test_every_awkward_kind_of_mesh_is_seen_as_rays_see_it(kind, table, rounds):
     shape, nth = kinds.KINDS[kind](), list(kinds.KINDS).index(kind)
     device = device_for(shape, limit_deg=(90, 80, 60)[nth % 3], near=(0, 0, 0, 0.02)[nth % 4])
-    places = 4 * (INSIDE, NEAR, BESIDE) if kind in kinds.FROM_WITHIN else 2 * PLACES
+    within = kinds.FROM_WITHIN.get(kind, 0)
+    places = within * (INSIDE, NEAR, BESIDE) if within else 2 * PLACES
     in_single = kind in kinds.CLOSED_GAPS
     table.append(verdicts_on(kind, shape, device, rounds, places, in_single=in_single))
     assert_right(table[-1])
@@ -193,7 +191,8 @@ def test_arms_before_their_holder_are_seen_as_rays_see_them(arm, table, shared_d
     table.append(judged(f"arm{arm}", pair[0], poses, device, pair[1:], those=ways(("centroid",))))
     by_pixels = ways(("pixels",), ("auto",))
     table[-1] += judged("", pair[0], poses[:12], device, pair[1:], those=by_pixels)
-    assert_right(table[-1], Limits(missed_percent=0.3, iou=0.9995))
+    table[-1].limits = Limits(missed_percent=0.3, iou=0.9995)
+    assert_right(table[-1])
 
 
 def table_8() -> np.ndarray:
@@ -242,4 +241,5 @@ def test_a_room_of_large_faces_is_seen_as_rays_see_it(criterion, table, shared_d
             those=[Way(criterion, "auto", way.casts) for way in ways(("pixels",), ("auto",))],
         )
     )
-    assert_right(table[-1], Limits(missed_percent=0.3, iou=0.9995, missed_any_percent=0.4))
+    table[-1].limits = Limits(missed_percent=0.3, iou=0.9995, missed_any_percent=0.4)
+    assert_right(table[-1])

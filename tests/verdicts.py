@@ -1,7 +1,7 @@
 """Maps of the engine held against the judge: poses about any mesh, the ways maps are made, sums.
 
-A way is a criterion, a resolution and whether small faces are cast in a compute shader or all are
-drawn. All ways of a pose are held against one judgement of it.
+A way is a criterion, a resolution and whether compute shaders may be used. All ways of a pose are
+held against one judgement of it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PLACES = (AROUND, SQUARE, INSIDE, NEAR, BESIDE)
 
 @dataclass(frozen=True)
 class Way:
-    """How a map is made: criterion, resolution ("auto" or "sensor"), cast or drawn."""
+    """How a map is made: criterion, resolution ("auto" or "sensor"), by compute shaders or not."""
 
     criterion: str
     resolution: str
@@ -39,32 +39,44 @@ class Way:
 
 @dataclass(frozen=True)
 class Limits:
-    """What figures may be, in percent and as an intersection over union."""
+    """What figures may be, in percent and as an intersection over union.
+
+    ``excused_percent`` is the share of faces that rounding may decide: more, and nothing is shown.
+    """
 
     wrong_percent: float = 0.1
     missed_percent: float = 0.5
     iou: float = 0.999
     missed_any_percent: float = 100.0
+    excused_percent: float = 1.0
 
-    def are_kept(self, way: Way, figures: Figures) -> bool:
-        """Return whether the figures of a way are within the limits."""
+    def share(self, way: Way, figures: Figures) -> float:
+        """Return the worst figure of a way as a share of its limit; above 1 it is beyond."""
+        shares = [figures.excused_percent / self.excused_percent]
         if way.criterion == "centroid":
-            return figures.iou >= self.iou
-        return (
-            figures.wrong_percent <= self.wrong_percent
-            and figures.missed_percent <= self.missed_percent
-            and (way.resolution != "auto" or figures.missed_any_percent <= self.missed_any_percent)
-        )
+            shares.append((1 - figures.iou) / (1 - self.iou))
+        else:
+            shares.append(figures.wrong_percent / self.wrong_percent)
+            shares.append(figures.missed_percent / self.missed_percent)
+            if way.resolution == "auto":
+                shares.append(figures.missed_any_percent / self.missed_any_percent)
+        return max(shares)
 
 
 @dataclass
 class Verdicts:
-    """Figures of one mesh by way, pose for pose (N long), and what each pose is."""
+    """Figures of one mesh by way, pose for pose (N long), what each pose is, and the limits."""
 
     name: str
     n_faces: int
     by_pose: dict[Way, list[Figures]] = field(default_factory=dict)
     poses: list[str] = field(default_factory=list)
+    limits: Limits = field(default_factory=Limits)
+
+    @property
+    def badness(self) -> float:
+        """How far the worst figure of all ways is beyond its limit, above 1: beyond."""
+        return max(self.limits.share(way, self.total(way)) for way in self.by_pose)
 
     def total(self, way: Way) -> Figures:
         """Return the figures of a way over all poses."""
@@ -73,16 +85,17 @@ class Verdicts:
             total += one
         return total
 
-    def broken(self, limits: Limits | None = None) -> list[str]:
+    def broken(self) -> list[str]:
         """Return a line for each way beyond the limits, with its worst pose."""
-        limits = limits or Limits()
         lines = []
         for way, figures in self.by_pose.items():
             total = self.total(way)
-            if limits.are_kept(way, total):
+            if self.limits.share(way, total) <= 1:
                 continue
             if way.criterion == "centroid":
                 faults = [one.either - one.both for one in figures]
+            elif self.limits.missed_any_percent < 100:
+                faults = [one.wrong + one.missed_any for one in figures]
             else:
                 faults = [one.wrong + one.missed for one in figures]
             worst = int(np.argmax(faults))
@@ -105,7 +118,9 @@ def described(way: Way, figures: Figures) -> str:
         return f"IoU {figures.iou:.4f} of {figures.either} faces, {figures.excused} excused"
     return (
         f"{figures.wrong_percent:.3f} % of {figures.seen} wrongly seen, "
-        f"{figures.missed_percent:.3f} % of {figures.half} missed, {figures.excused} excused"
+        f"{figures.missed_percent:.3f} % of {figures.half} half visible missed, "
+        f"{figures.missed_any_percent:.3f} % of {figures.any} that show at all, "
+        f"{figures.excused} excused"
     )
 
 
@@ -288,15 +303,3 @@ def head(those: Iterable[Way]) -> str:
         word = f"{way.resolution[:6]} {how}"
         cells.append(f"{word:>15}" if way.criterion == "pixels" else f"IoU {word[0]}{how[0]}")
     return f"{'mesh':24} {'faces':>6} {'seen':>6} excused | " + " | ".join(cells)
-
-
-def badness(verdicts: Verdicts) -> float:
-    """Return how far the worst of the figures is beyond the limits, above 1: beyond."""
-    worst = 0.0
-    for way in verdicts.by_pose:
-        total = verdicts.total(way)
-        if way.criterion == "centroid":
-            worst = max(worst, (1 - total.iou) / 0.001)
-        else:
-            worst = max(worst, total.wrong_percent / 0.1, total.missed_percent / 0.5)
-    return worst
