@@ -13,7 +13,7 @@ centre is not free.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -141,18 +141,19 @@ class Caster:
         # a record is a place in the order of the clusters
         view, place = np.divmod(self._free(0, n_records), len(clusters.order))
         visible[view, clusters.order[place]] = True
-        closer = _closer(batch, poses, visible) if batch.question.large else []
-        if not closer:
-            return self._has_finished()
-        n_more = sum(one.parts**2 * len(one.entries) for one in closer)
-        finished = self._has_finished()
-        self._bind(batch, n_records, closer)
-        for one in closer:
-            self._run("ask", one.list, one.parts**2, f"PARTS {one.parts}")
-        self._hide(batch)
-        view, place = np.divmod(self._free(n_records, n_more), len(clusters.order))
-        visible[view, clusters.order[place]] = True
-        return finished and self._has_finished()
+        finished, large = self._has_finished(), batch.question.large
+        for parts in (large.few, large.many) if large else ():
+            closer = _Closer.of(batch, parts, poses, visible)
+            if not len(closer.entries):
+                continue
+            self._bind(batch, n_records, closer)
+            self._run("ask", closer.list, parts**2, f"PARTS {parts}")
+            self._hide(batch)
+            free = self._free(n_records, parts**2 * len(closer.entries))
+            view, place = np.divmod(free, len(clusters.order))
+            visible[view, clusters.order[place]] = True
+            finished &= self._has_finished()
+        return finished
 
     def _has_finished(self) -> bool:
         """Return whether no face was given up on since all was bound."""
@@ -189,19 +190,19 @@ class Caster:
         offset = _VIEW.itemsize * (clusters.first_row + row)
         self._buffers["told"].bind_to_uniform_block(0, offset=offset, size=_VIEW.itemsize)
 
-    def _bind(self, batch: _Batch, n_records: int, closer: Sequence[_Closer] = ()) -> None:
+    def _bind(self, batch: _Batch, n_records: int, closer: _Closer | None = None) -> None:
         """Send what is told of a batch, and bind all that the passes share; no point is asked yet.
 
         Records of what was asked before are left as they are, where points are asked about.
         """
-        lists = [batch.asked, *batch.hiding, *(one.list for one in closer)]
+        lists = [batch.asked, *batch.hiding, *([closer.list] if closer else [])]
         self._hold("told", np.concatenate([one.rows for one in lists]))
         self._hold("dispatches", batch.dispatches).bind_to_storage_buffer(_DISPATCHES)
         unfinished = self._hold("unfinished", np.zeros(1, dtype=np.uint32))
         unfinished.bind_to_storage_buffer(_UNFINISHED)
-        listed = np.concatenate([batch.listed, *(one.entries for one in closer)])
+        listed = np.concatenate([batch.listed, *([closer.entries] if closer else [])])
         self._hold("listed", listed).bind_to_storage_buffer(_LISTED)
-        n_free = n_records + sum(one.parts**2 * len(one.entries) for one in closer)
+        n_free = n_records + (closer.parts**2 * len(closer.entries) if closer else 0)
         free = self._room("free", 4 * n_free)
         free.clear()
         free.bind_to_storage_buffer(_FREE)
@@ -377,61 +378,56 @@ class _Closer:
     entries: Words
     list: _List
 
+    @classmethod
+    def of(cls, batch: _Batch, parts: int, poses: Floats, visible: Bools) -> _Closer:
+        """Return the faces that are large in the image, and of which no point is free yet.
 
-def _closer(batch: _Batch, poses: Floats, visible: Bools) -> list[_Closer]:
-    """Return the faces that are large in the image, and whose centre is not free.
-
-    Parameters
-    ----------
-    batch : _Batch
-        What was asked before.
-    poses : (n, 4, 4) float64
-        Camera to world.
-    visible : (n, F) bool
-        Faces whose centre is free.
-    """
-    clusters, rows = batch.question.targets.clusters, batch.asked.rows
-    model, table, large = clusters.model, clusters.table, batch.question.large
-    assert large is not None
-    near = rows["near"].astype(float)[:, None]
-    backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
-    reach = np.sum(backwards * eyes, axis=1)[:, None]
-    # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
-    half = batch.tan_half
-    span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1)[:, None] * (1 + _SLACK) / large.least
-    nearest = np.maximum((reach - backwards @ clusters.corners.T).min(axis=1), near[:, 0])
-    some = np.flatnonzero(table.longest >= (nearest / span[:, 0]).min())
-    edge = table.longest[some]
-    depth = reach - backwards @ table.centroids[:, some] - edge
-    maybe = edge * span >= np.maximum(depth, near)
-    maybe &= eyes @ table.normals[:, some] > table.offsets[some]
-    view, chosen = np.nonzero(maybe)
-    chosen = some[chosen]
-    kept = batch.candidates[view, chosen // clusters.size]
-    kept &= ~visible[view, table.index[chosen]]
-    view, chosen = view[kept], chosen[kept]
-    corners = model.vertices[model.faces[table.index[chosen]]] - eyes[view, None]
-    corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
-    corners[:, 2] *= -1
-    share = spans(corners, half[view].T, near[view, 0])
-    touches = np.zeros(len(view), dtype=bool)
-    for k in np.unique(view).tolist():
-        mine = slice(*np.searchsorted(view, [k, k + 1]))
-        touches[mine] = beside(model, visible[k], table.index[chosen[mine]])
-    parts = large.parts(share, touches)
-    found, first, first_listed = [], len(clusters.order) * len(rows), len(batch.listed)
-    for number in np.unique(parts[parts > 0]).tolist():
-        mine = np.flatnonzero(parts == number)
-        entries, begin, n = _filled(view[mine], chosen[mine], len(rows), _GROUP // number**2)
+        Parameters
+        ----------
+        batch : _Batch
+            What was asked before.
+        parts : int
+            How closely.
+        poses : (n, 4, 4) float64
+            Camera to world.
+        visible : (n, F) bool
+            Faces of which a point is free.
+        """
+        clusters, rows = batch.question.targets.clusters, batch.asked.rows
+        model, table, large = clusters.model, clusters.table, batch.question.large
+        assert large is not None
+        near = rows["near"].astype(float)[:, None]
+        backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
+        reach = np.sum(backwards * eyes, axis=1)[:, None]
+        # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
+        half = batch.tan_half
+        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1)[:, None] * (1 + _SLACK) / large.least
+        nearest = np.maximum((reach - backwards @ clusters.corners.T).min(axis=1), near[:, 0])
+        some = np.flatnonzero(table.longest >= (nearest / span[:, 0]).min())
+        edge = table.longest[some]
+        depth = reach - backwards @ table.centroids[:, some] - edge
+        maybe = edge * span >= np.maximum(depth, near)
+        maybe &= eyes @ table.normals[:, some] > table.offsets[some]
+        view, chosen = np.nonzero(maybe)
+        chosen = some[chosen]
+        kept = batch.candidates[view, chosen // clusters.size]
+        kept &= ~visible[view, table.index[chosen]]
+        view, chosen = view[kept], chosen[kept]
+        corners = model.vertices[model.faces[table.index[chosen]]] - eyes[view, None]
+        corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
+        corners[:, 2] *= -1
+        share = spans(corners, half[view].T, near[view, 0])
+        touches = np.zeros(len(view), dtype=bool)
+        for k in np.unique(view).tolist():
+            mine = slice(*np.searchsorted(view, [k, k + 1]))
+            touches[mine] = beside(model, visible[k], table.index[chosen[mine]])
+        closer = large.are_looked_at(parts, share, touches)
+        entries, begin, n = _filled(view[closer], chosen[closer], len(rows), _GROUP // parts**2)
         told = rows.copy()
-        told["first_listed"], told["n_listed"] = first_listed + begin, n
+        told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
         told["groups_a_column"] = 1
-        told["first_extra"] = first + number**2 * begin
-        first_row = len(rows) * (1 + len(batch.hiding) + len(found))
-        found.append(_Closer(number, entries, _List(told, first_row)))
-        first += number**2 * len(entries)
-        first_listed += len(entries)
-    return found
+        told["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
+        return cls(parts, entries, _List(told, len(rows) * (1 + len(batch.hiding))))
 
 
 def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:

@@ -9,6 +9,8 @@ incidence and distance (CropNorm, CropNear).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.clusters import Clusters
+from glvis.sight.coincident import Coincident
 from glvis.sight.crops import (
     CameraFaces,
     corners_in_camera,
@@ -27,7 +30,7 @@ from glvis.sight.crops import (
 )
 from glvis.sight.culling import Chosen
 from glvis.sight.points import LARGE, Question, beside, grid_size, spans, unhidden
-from glvis.sight.renderer import Renderer, Selection, faces_in_images
+from glvis.sight.renderer import Renderer, Selection, pixels_of_faces
 from glvis.sight.surface import Surface
 from glvis.sight.views import NEAREST, Views
 from glvis.sight.visibility import VisibilityOptions, asks_about_points, render_resolution
@@ -119,17 +122,29 @@ class Mapper:
         resolution = render_resolution(options, sensor)
         assert resolution is not None
         renderer = self._renderer_of(resolution)
+        selections = [targets]
+        if self._coincident.is_two_sided:
+            selections = [
+                replace(targets, sides="front"),
+                replace(targets, sides="back", recedes=True),
+            ]
+        selections += [replace(chosen[one].to_draw, recedes=True) for one in self._obstacles]
         visible = np.zeros((len(views), self.model.n_faces), dtype=bool)
+        hides = options.occlusion == "physical"
         for first, images in renderer.id_images(
-            views,
-            [targets, *(chosen[obstacle].to_draw for obstacle in self._obstacles)],
-            origin=self.origin,
-            refused_hide=options.occlusion == "physical",
+            views, selections, origin=self.origin, refused_hide=hides
         ):
-            visible[first : first + len(images)] = faces_in_images(
-                images, self.model.n_faces, options.min_pixels
-            )
+            for view, image in enumerate(images, start=first):
+                pixels = pixels_of_faces(image, self.model.n_faces)
+                if len(self._coincident):
+                    pose = views.camera_to_world[view]
+                    pixels += self._coincident.pixels_shared(image, self.model, sensor, pose)
+                visible[view] = pixels >= options.min_pixels
         return visible
+
+    @cached_property
+    def _coincident(self) -> Coincident:
+        return Coincident.of(self.model)
 
     def _by_points(self, views: Views, sensor: Sensor, chosen: Mapping[Surface, Chosen]) -> Bools:
         """Return the faces of which a point passes every filter and is hidden by nothing."""
@@ -151,17 +166,17 @@ class Mapper:
                 triangles.append(corners_in_camera(obstacle.clusters.model, order[some], pose))
             occluders = np.concatenate(triangles, axis=2)
             _mark(seen, faces[crop_points(faces, sensor, by_axis=by_axis)], occluders, sensor)
-            for n, closer in self._closer(places, seen, pose, sensor):
+            for n in (self._large.few, self._large.many) if self._large else ():
+                closer = self._closer(n, places, seen, pose, sensor)
                 parts = parts_in_camera(self._table, self.model, closer, pose, n)
                 _mark(seen, parts[crop_points(parts, sensor, by_axis=by_axis)], occluders, sensor)
         return visible
 
     def _closer(
-        self, places: NDArray[np.intp], seen: Bools, pose: Floats, sensor: Sensor
-    ) -> list[tuple[int, NDArray[np.intp]]]:
-        """Return which of some faces that are not seen (F,) are large: looked at in n x n points."""
-        if self._large is None:
-            return []
+        self, n: int, places: NDArray[np.intp], seen: Bools, pose: Floats, sensor: Sensor
+    ) -> NDArray[np.intp]:
+        """Return which of some faces that are not seen (F,) are looked at in n x n points."""
+        assert self._large is not None
         index = self._table.index.take(places)
         looks = pose[:3, 3] @ self._table.normals.take(places, axis=1) > self._table.offsets[places]
         looks &= ~seen[index]
@@ -169,8 +184,7 @@ class Mapper:
         corners = corners_in_camera(self.model, index, pose)
         tan_half = np.array(sensor.intrinsics.tan_half)[:, None]
         shares = spans(corners, tan_half, NEAREST * sensor.max_distance)
-        parts = self._large.parts(shares, beside(self.model, seen, index))
-        return [(n, places[parts == n]) for n in np.unique(parts[parts > 0]).tolist()]
+        return places[self._large.are_looked_at(n, shares, beside(self.model, seen, index))]
 
     def _by_paper(self, views: Views, sensor: Sensor) -> Bools:
         """Return the paper's own map: its filters, then one ray to each centre that is left."""

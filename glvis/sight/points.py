@@ -35,28 +35,32 @@ _PAIRS = 1 << 18  # of points and triangles tested at once
 class Large:
     """When a face is large in the image, and looked at in several points if its centre is not free.
 
-    Points are the centres of mass of its congruent parts, n x n of them.
+    Points are the centres of mass of its congruent parts, n x n of them. First all large faces are
+    looked at in few; then in many those that still show none, but touch a face that does: mostly
+    they show a little, too.
 
     Attributes
     ----------
     least : float
-        Share of the image's width or height from which it is looked at in 2 x 2 points, or in
-        8 x 8 if it touches a face whose centre is free: mostly it shows then, too, if little.
+        Share of the image's width or height from which a face is large.
     most : float
-        Share from which it is looked at in 8 x 8 points anyway.
+        Share from which it is looked at in many points whatever it touches.
+    few, many : int
+        Parts along a side.
     """
 
     least: float
     most: float
+    few: int = 4
+    many: int = 8
 
-    def parts(self, shares: Floats, touches: Bools) -> Indices:
-        """Return n of faces that span some shares of the image, 0 where they are not large, (n,)."""
-        is_large = shares >= self.least
-        return np.where(is_large & (touches | (shares >= self.most)), 8, np.where(is_large, 2, 0))
+    def are_looked_at(self, n: int, shares: Floats, touches: Bools) -> Bools:
+        """Return which faces that span some shares of the image are looked at in n x n points."""
+        return shares >= (self.least if n == self.few else np.where(touches, self.least, self.most))
 
 
-# Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or are beside
-# none that shows its middle, and show none of theirs: tools/bench prints how many.
+# Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch none
+# that shows, and show none of their points: tools/bench prints how many.
 LARGE = Large(1 / 48, 1 / 16)
 
 

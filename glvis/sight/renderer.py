@@ -32,11 +32,13 @@ _HARDWARE_BATCH_BYTES, _HARDWARE_BATCH = 64 << 20, 256
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
 _GUARD = 3
+# Of the depth buffer, by which what recedes is drawn farther away: as many as its rounding takes.
+_STEPS_BACK = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What N views draw of a surface, both sides of every face.
+    """What N views draw of a surface.
 
     Attributes
     ----------
@@ -46,11 +48,17 @@ class Selection:
         Clusters to draw, or single faces where ``by_face``.
     by_face : bool
         How to read ``mask``.
+    sides : str
+        Of its faces: "front", "back", or "both".
+    recedes : bool
+        Whether what lies in one place with it is drawn before it, and keeps the pixel.
     """
 
     surface: Surface
     mask: Bools
     by_face: bool = False
+    sides: str = "both"
+    recedes: bool = False
 
 
 class Renderer(Held):
@@ -156,7 +164,14 @@ class Renderer(Held):
                 for name, rows in uniforms.items():
                     write(program, name, rows[view])
                 for one in selections:
+                    context.polygon_offset = 0.0, _STEPS_BACK if one.recedes else 0.0
+                    if one.sides == "both":
+                        context.disable(moderngl.CULL_FACE)
+                    else:
+                        context.enable(moderngl.CULL_FACE)
+                        context.cull_face = "back" if one.sides == "front" else "front"
                     one.surface.draw(program, one.mask[view], one.by_face)
+                context.polygon_offset = 0.0, 0.0
             yield first, n
 
 
@@ -190,22 +205,14 @@ class _Target:
             part.release()
 
 
-def faces_in_images(
-    images: Sequence[NDArray[np.uint32]] | NDArray[np.uint32], n_faces: int, min_pixels: int = 1
-) -> Bools:
-    """Return which faces show in at least ``min_pixels`` pixels of n ID images, (n, F) bool."""
-    seen = np.zeros((len(images), n_faces + 1), dtype=bool)
-    for flags, image in zip(seen, images, strict=True):
-        ids = image[::-1].ravel()  # as the GPU left it: no copy
-        # neighbours along a row mostly show the same face: look at each run once
-        begins = np.concatenate([[0], np.flatnonzero(ids[1:] != ids[:-1]) + 1])
-        faces = ids[begins].astype(np.intp)
-        if min_pixels == 1:
-            flags[faces] = True
-        else:
-            pixels = np.diff(begins, append=len(ids))
-            flags[:] = np.bincount(faces, pixels, minlength=n_faces + 1) >= min_pixels
-    return seen[:, 1:]
+def pixels_of_faces(image: NDArray[np.uint32], n_faces: int) -> NDArray[np.int64]:
+    """Return in how many pixels of an ID image (H, W) each face shows, (F,)."""
+    ids = image[::-1].ravel()  # as the GPU left it: no copy
+    # neighbours along a row mostly show the same face: look at each run once
+    begins = np.concatenate([[0], np.flatnonzero(ids[1:] != ids[:-1]) + 1])
+    pixels = np.diff(begins, append=len(ids))
+    counts = np.bincount(ids[begins].astype(np.intp), pixels, minlength=n_faces + 1)
+    return counts[1:].astype(np.int64)
 
 
 def write(program: Any, name: str, value: Any) -> None:
