@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from glvis.sight.context import gl_context
 from glvis.sight.culling import Chosen
-from glvis.sight.points import Question, beside, spans
+from glvis.sight.points import Question, beside, reaches, spans
 from glvis.sight.surface import Surface, compiled_compute
 from glvis.sight.views import NEAREST, Views
 
@@ -142,8 +142,9 @@ class Caster:
         view, place = np.divmod(self._free(0, n_records), len(clusters.order))
         visible[view, clusters.order[place]] = True
         finished, large = self._has_finished(), batch.question.large
-        for parts in (large.few, large.many) if large else ():
-            closer = _Closer.of(batch, parts, poses, visible)
+        faces = _LargeFaces.of(batch, poses, visible) if large else None
+        for parts in (large.few, large.many) if large and faces else ():
+            closer = faces.unseen(batch, parts, visible)
             if not len(closer.entries):
                 continue
             self._bind(batch, n_records, closer)
@@ -378,56 +379,83 @@ class _Closer:
     entries: Words
     list: _List
 
-    @classmethod
-    def of(cls, batch: _Batch, parts: int, poses: Floats, visible: Bools) -> _Closer:
-        """Return the faces that are large in the image, and of which no point is free yet.
 
-        Parameters
-        ----------
-        batch : _Batch
-            What was asked before.
-        parts : int
-            How closely.
-        poses : (n, 4, 4) float64
-            Camera to world.
-        visible : (n, F) bool
-            Faces of which a point is free.
-        """
-        clusters, rows = batch.question.targets.clusters, batch.asked.rows
-        model, table, large = clusters.model, clusters.table, batch.question.large
-        assert large is not None
-        near = rows["near"].astype(float)[:, None]
+@dataclass(frozen=True, eq=False)
+class _LargeFaces:
+    """Faces of the targets that are large in the image and of which the centre is not free.
+
+    Attributes
+    ----------
+    view, place : (K,) int
+        Which view of a batch, and place in the order of the clusters; view by view.
+    shares : (K,) float64
+        Of the image's width or height, that they span.
+    """
+
+    view: Indices
+    place: Indices
+    shares: Floats
+
+    @classmethod
+    def of(cls, batch: _Batch, poses: Floats, visible: Bools) -> _LargeFaces:
+        """Return those of a batch, from poses (n, 4, 4), whose centre is not visible (n, F)."""
+        question, rows, half = batch.question, batch.asked.rows, batch.tan_half
+        clusters = question.targets.clusters
+        model, table = clusters.model, clusters.table
+        assert question.large is not None
+        near = rows["near"].astype(float)
         backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
-        reach = np.sum(backwards * eyes, axis=1)[:, None]
+        reach = np.sum(backwards * eyes, axis=1)
         # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
-        half = batch.tan_half
-        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1)[:, None] * (1 + _SLACK) / large.least
-        nearest = np.maximum((reach - backwards @ clusters.corners.T).min(axis=1), near[:, 0])
-        some = np.flatnonzero(table.longest >= (nearest / span[:, 0]).min())
-        edge = table.longest[some]
-        depth = reach - backwards @ table.centroids[:, some] - edge
-        maybe = edge * span >= np.maximum(depth, near)
-        maybe &= eyes @ table.normals[:, some] > table.offsets[some]
-        view, chosen = np.nonzero(maybe)
-        chosen = some[chosen]
-        kept = batch.candidates[view, chosen // clusters.size]
-        kept &= ~visible[view, table.index[chosen]]
-        view, chosen = view[kept], chosen[kept]
-        corners = model.vertices[model.faces[table.index[chosen]]] - eyes[view, None]
+        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1) / question.large.least
+        span *= 1 + _SLACK
+        centre, radius = clusters.sphere
+        depth = reach[:, None] - backwards @ centre[:3] - radius
+        maybe = batch.candidates & (
+            clusters.longest_edge * span[:, None] >= np.maximum(depth, near[:, None])
+        )
+        view, cluster = np.nonzero(maybe)
+        size = clusters.size
+        view = np.repeat(view, size)
+        place = (cluster[:, None] * size + np.arange(size)).ravel()
+        kept = np.flatnonzero(~visible[view, table.index[place]])
+        view, place = view[kept], place[kept]
+        # of a face that looks at the eye, and may be large and steep enough
+        to_eye = eyes[view].T - table.centroids[:, place]
+        edge, normal = table.longest[place], table.normals[:, place]
+        height = np.sum(normal * to_eye, axis=0)
+        distance = np.sqrt(np.sum(to_eye**2, axis=0)) - edge
+        depth = np.sum(backwards[view].T * to_eye, axis=0) - edge
+        kept = (height > 0) & (edge * span[view] >= np.maximum(depth, near[view]))
+        kept &= height >= (1 - _SLACK) * rows["min_ray_cos"][view] * distance
+        view, place = view[kept], place[kept]
+        corners = model.vertices[model.faces[table.index[place]]] - eyes[view, None]
         corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
         corners[:, 2] *= -1
-        share = spans(corners, half[view].T, near[view, 0])
-        touches = np.zeros(len(view), dtype=bool)
-        for k in np.unique(view).tolist():
-            mine = slice(*np.searchsorted(view, [k, k + 1]))
-            touches[mine] = beside(model, visible[k], table.index[chosen[mine]])
-        closer = large.are_looked_at(parts, share, touches)
-        entries, begin, n = _filled(view[closer], chosen[closer], len(rows), _GROUP // parts**2)
+        kept = reaches(corners, half[view].T, rows["working_range"][view].T)
+        view, place, corners = view[kept], place[kept], corners[..., kept]
+        return cls(view, place, spans(corners, half[view].T, near[view]))
+
+    def unseen(self, batch: _Batch, parts: int, visible: Bools) -> _Closer:
+        """Return those of which no point is visible (n, F) yet, to be looked at in so many parts."""
+        clusters, rows, large = batch.question.targets.clusters, batch.asked.rows, batch.question.large
+        assert large is not None
+        face = clusters.order[self.place]
+        unseen = ~visible[self.view, face]
+        touches = np.zeros(len(face), dtype=bool)
+        if parts != large.few:
+            for k in np.unique(self.view).tolist():
+                mine = slice(*np.searchsorted(self.view, [k, k + 1]))
+                touches[mine] = beside(clusters.model, visible[k], face[mine])
+        some = np.flatnonzero(unseen & large.are_looked_at(parts, self.shares, touches))
+        entries, begin, n = _filled(
+            self.view[some], self.place[some], len(rows), _GROUP // parts**2
+        )
         told = rows.copy()
         told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
         told["groups_a_column"] = 1
         told["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
-        return cls(parts, entries, _List(told, len(rows) * (1 + len(batch.hiding))))
+        return _Closer(parts, entries, _List(told, len(rows) * (1 + len(batch.hiding))))
 
 
 def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:

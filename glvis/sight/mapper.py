@@ -29,7 +29,7 @@ from glvis.sight.crops import (
     parts_in_camera,
 )
 from glvis.sight.culling import Chosen
-from glvis.sight.points import LARGE, Question, beside, grid_size, spans, unhidden
+from glvis.sight.points import LARGE, Question, beside, grid_size, reaches, spans, unhidden
 from glvis.sight.renderer import Renderer, Selection, pixels_of_faces
 from glvis.sight.surface import Surface
 from glvis.sight.views import NEAREST, Views
@@ -183,6 +183,9 @@ class Mapper:
         places, index = places[looks], index[looks]
         corners = corners_in_camera(self.model, index, pose)
         tan_half = np.array(sensor.intrinsics.tan_half)[:, None]
+        working_range = np.array([[sensor.min_distance], [sensor.max_distance]])
+        kept = reaches(corners, tan_half, working_range)
+        places, index, corners = places[kept], index[kept], corners[..., kept]
         shares = spans(corners, tan_half, NEAREST * sensor.max_distance)
         return places[self._large.are_looked_at(n, shares, beside(self.model, seen, index))]
 

@@ -114,6 +114,24 @@ def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
     return np.where(is_before, shares, np.inf)
 
 
+def reaches(corners: Floats, tan_half: Floats, working_range: Floats) -> Bools:
+    """Return which faces may have a point in the image and the working range, (n,) bool.
+
+    Parameters
+    ----------
+    corners, tan_half
+        As for ``spans``.
+    working_range : (2, n) or (2, 1) float64
+        minD and maxD.
+    """
+    depth = corners[:, 2]
+    inside = (depth.max(axis=0) >= working_range[0]) & (depth.min(axis=0) <= working_range[1])
+    for axis in range(2):
+        limit = tan_half[axis] * depth
+        inside &= (corners[:, axis] <= limit).any(axis=0) & (corners[:, axis] >= -limit).any(axis=0)
+    return inside
+
+
 def grid_size(sensor: Sensor, model: Model) -> tuple[int, int]:
     """Return cells (columns, rows) about as large as the faces of a model far from a sensor."""
     tan_x, tan_y = (float(tan) for tan in sensor.intrinsics.tan_half)
