@@ -136,8 +136,7 @@ def test_depths_are_distances_along_the_axis_in_every_pixel():
 
 def test_pixels_are_counted_by_face():
     images = np.array([[[1, 1], [3, 0]], [[2, 2], [2, 2]]], dtype=np.uint32)
-    assert r.faces_in_images(images, 3).tolist() == [[True, False, True], [False, True, False]]
-    assert r.faces_in_images(images, 3, 2).tolist() == [[True, False, False], [False, True, False]]
+    assert [r.pixels_of_faces(image, 3).tolist() for image in images] == [[2, 0, 1], [0, 4, 0]]
 
 
 def test_frustum_planes_hold_the_corners_of_the_image_and_no_more():

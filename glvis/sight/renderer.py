@@ -32,8 +32,9 @@ _HARDWARE_BATCH_BYTES, _HARDWARE_BATCH = 64 << 20, 256
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
 _GUARD = 3
-# Of the depth buffer, by which what recedes is drawn farther away: as many as its rounding takes.
-_STEPS_BACK = 4.0
+# Share of its depth by which what recedes is drawn farther away: as much as rounding takes of depths
+# of float32 and of a buffer of 24 bits.
+_BACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +165,13 @@ class Renderer(Held):
                 for name, rows in uniforms.items():
                     write(program, name, rows[view])
                 for one in selections:
-                    context.polygon_offset = 0.0, _STEPS_BACK if one.recedes else 0.0
+                    write(program, "back", np.float32(_BACK if one.recedes else 0))
                     if one.sides == "both":
                         context.disable(moderngl.CULL_FACE)
                     else:
                         context.enable(moderngl.CULL_FACE)
                         context.cull_face = "back" if one.sides == "front" else "front"
                     one.surface.draw(program, one.mask[view], one.by_face)
-                context.polygon_offset = 0.0, 0.0
             yield first, n
 
 
@@ -224,7 +224,7 @@ def write(program: Any, name: str, value: Any) -> None:
 
 def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Floats:
     """Return distances along the optical axis, scene unit, for depth buffer values [0, 1]."""
-    return 2 * far * near / (far + near - (2 * depth.astype(np.float64) - 1) * (far - near))
+    return near + depth.astype(np.float64) * (far - near)
 
 
 def _uniforms(
@@ -240,6 +240,7 @@ def _uniforms(
         "eye": pose[:, :3, 3],
         "backwards": pose[:, :3, 2],
         "pixel_to_tangent": np.concatenate([scale, -views.tan_half], axis=1),
+        "clip_range": np.stack([views.clip_near, views.clip_far], axis=1),
         "min_distance": views.min_distance,
         "max_distance": views.max_distance,
         "min_ray_cos": views.min_ray_cos,
