@@ -47,12 +47,13 @@ ARROWS = {
     "worklist": "renderer surface views",
     "caster": "clusters context renderer surface views worklist",
     "visibility": "camera scene sensor clusters crops renderer",
+    "pieces": "scene sensor visibility",
     "mapper": "scene sensor caster clusters coarser crops culling renderer surface views"
     " visibility worklist",
     "swarm": "box swarm_options",
     "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
     "overrides": "errors expressions schema",
-    "study": "errors complaints expressions mounts objective overrides scene schema sensor"
+    "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
     " search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context errors renderer surface views worklist",
@@ -73,12 +74,12 @@ ARROWS = {
     "placement": "checkpoint cluster context evaluator maps progress reach run search study"
     " visibility workers",
     "folder": "errors",
-    "tables": "objective scene visibility",
-    "within_reach": "placement reach scene visibility",
+    "tables": "objective pieces scene visibility",
+    "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator scene search_options sensor study",
     "sweep": "errors estimate overrides sensor study",
-    "result": "camera folder placement scene study tables visibility within_reach",
-    "reading": "context errors folder placement reach result study visibility",
+    "result": "camera folder pieces placement scene study tables visibility within_reach",
+    "reading": "context errors folder placement reach result scene study visibility",
     "framing": "camera",
     "shading": "camera context errors framing glsl",
     "coloring": "palette places scene sensor visibility",

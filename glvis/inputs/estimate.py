@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from glvis.inputs.scene import Model
-from glvis.inputs.sensor import Sensor
+from glvis.inputs.sensor import Sensor, working_distance
 from glvis.inputs.study import Study
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.search_options import MAPS
@@ -100,11 +100,6 @@ def run_maps(study: Study) -> int:
         planned = swarm.particles * (swarm.iterations + 1) * maps
         return planned if most is None else min(most, planned)
     return MAPS * maps if most is None else most
-
-
-def working_distance(sensor: Sensor) -> float:
-    """Return the middle of a sensor's working range, the study's unit."""
-    return (sensor.min_distance + sensor.max_distance) / 2
 
 
 def share_below_a_pixel(sensor: Sensor, model: Model, resolution: tuple[int, int]) -> float:

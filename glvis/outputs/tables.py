@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.inputs.pieces import fold, fold_counts
 from glvis.inputs.scene import Model
 from glvis.optim.objective import Objective
 from glvis.sight.visibility import VisibilityMap
@@ -16,6 +17,9 @@ from glvis.sight.visibility import VisibilityMap
 @dataclass(frozen=True)
 class ModelRow:
     """One model: the columns of Table 9, and how often faces are seen.
+
+    Faces are those of the file; of one in pieces a sensor sees at least half the area, or at least
+    n sensors do.
 
     Attributes
     ----------
@@ -63,6 +67,8 @@ class SensorRow:
         Faces that no other sensor sees: what would be lost without it.
     only_it_percentage : float
         Of a model's faces, the mean over models.
+    area_percentage, only_it_area_percentage : float
+        Of a model's area, the mean over models.
     """
 
     name: str
@@ -70,6 +76,8 @@ class SensorRow:
     seen_percentage: float
     only_it: int
     only_it_percentage: float
+    area_percentage: float
+    only_it_area_percentage: float
 
 
 def model_rows(
@@ -79,16 +87,18 @@ def model_rows(
     rows = []
     for model, found in zip(models, maps, strict=True):
         is_seen = found.visible.any(axis=0)
-        n_sensors = len(found.sensor_names)
+        n_sensors, n_faces = len(found.sensor_names), model.file.n_faces
+        seen_by = fold_counts(found.counts, model)
+        at_least = [np.count_nonzero(seen_by >= n) / n_faces for n in range(1, n_sensors + 1)]
         rows.append(
             ModelRow(
                 model.name,
-                found.n_total,
-                found.n_unique,
-                model.n_faces,
-                100 * found.coverage,
+                int(np.count_nonzero(fold(found.visible, model)[1])),
+                int(np.count_nonzero(seen_by)),
+                n_faces,
+                100 * at_least[0],
                 100 * float(model.areas[is_seen].sum() / model.areas.sum()),
-                tuple(found.share_seen_by(n) for n in range(1, n_sensors + 1)),
+                tuple(at_least),
                 objective.terms(found.counts, model.areas),
             )
         )
@@ -110,24 +120,38 @@ def mean_terms(rows: Sequence[ModelRow]) -> dict[str, float]:
     return {name: float(np.mean([row.terms[name] for row in rows])) for name in rows[0].terms}
 
 
-def sensor_rows(maps: Sequence[VisibilityMap]) -> list[SensorRow]:
+def sensor_rows(models: Sequence[Model], maps: Sequence[VisibilityMap]) -> list[SensorRow]:
     """Return one row a sensor, in their order."""
-    seen = np.stack([found.visible.sum(axis=1) for found in maps])  # (M, S)
-    only = np.stack([_only_one(found.visible).sum(axis=1) for found in maps])
-    faces = np.array([found.visible.shape[1] for found in maps])[:, None]
+    both = list(zip(models, maps, strict=True))
+    seen = np.stack([fold(found.visible, model)[1].sum(axis=1) for model, found in both])  # (M, S)
+    only = np.stack([_only_it(model, found).sum(axis=1) for model, found in both])
+    faces = np.array([model.file.n_faces for model in models])[:, None]
+    areas = [model.areas / model.areas.sum() for model in models]
+    seen_area = [found.visible @ area for area, found in zip(areas, maps, strict=True)]
+    only_area = [_only_one(found) @ area for area, found in zip(areas, maps, strict=True)]
     return [
-        SensorRow(name, int(a), float(b), int(c), float(d))
-        for name, a, b, c, d in zip(
+        SensorRow(name, int(a), float(b), int(c), float(d), float(e), float(f))
+        for name, a, b, c, d, e, f in zip(
             maps[0].sensor_names,
             seen.sum(axis=0),
             (100 * seen / faces).mean(axis=0),
             only.sum(axis=0),
             (100 * only / faces).mean(axis=0),
+            100 * np.mean(seen_area, axis=0),
+            100 * np.mean(only_area, axis=0),
             strict=True,
         )
     ]
 
 
-def _only_one(visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a sensor is the only one to see a face, (S, F) bool."""
-    return visible & (visible.sum(axis=0) == 1)
+def _only_one(found: VisibilityMap) -> NDArray[np.bool_]:
+    """Return where a sensor is the only one to see a face or a piece, (S, F) bool."""
+    return found.visible & (found.counts == 1)
+
+
+def _only_it(model: Model, found: VisibilityMap) -> NDArray[np.bool_]:
+    """Return which of the file's faces would be lost without each sensor, (S, F_file) bool."""
+    if model.pieces is None:
+        return _only_one(found)
+    is_seen = fold(found.counts > 0, model)[1]
+    return np.stack([is_seen & ~fold(found.counts > v, model)[1] for v in found.visible])

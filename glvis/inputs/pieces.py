@@ -1,0 +1,304 @@
+"""Pieces of large faces: a face counts whole, so a map is only as true as its faces are small.
+
+Faces are cut as studies are loaded, maps, objectives and search work on the pieces, and results
+are folded back: what is told of the file's own face follows from the area of its pieces.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from glvis.inputs.scene import Model, Pieces
+from glvis.inputs.sensor import Sensor, working_distance
+from glvis.sight.visibility import VisibilityOptions, render_resolution, takes_second_look
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+# Share of the shorter side of what a sensor sees at working distance: a face with a longer edge is
+# large. By centroids, a furnished room of 172 m2 (tests/rooms.py) cut to that is 0.2 points of area
+# off at most in ten random layouts of three Kinects and 0.5 in what a search finds.
+LARGE = 1 / 10
+# Edges of pieces, as the same share. A piece counts by its centre without bias, but whole as soon as
+# a pixel shows it: that adds half a piece all along the edge of what is seen. In the same room, by
+# pixels, 1/10 is 3.9 points too large at worst, 1/20 1.6, 1/25 1.2, 1/30 0.9 and 1/36 0.5.
+_PIECE = {"pixels": 1 / 36, "centroid": LARGE}
+# Pixels along a piece's edge at working distance, at least, where pixels alone decide and would miss
+# smaller pieces seen obliquely from afar: in the room at the sensor's 512 x 424, 12 are 0.8 points
+# off at most, 10.6 are 0.7 and 7 are 3.9.
+_FEWEST_PIXELS = 12
+# Share of a model's area that large faces hold, at least, for "auto" to cut it: as much as the whole
+# error is to be, so that a hole closed by one large face does not cut a scan of a million.
+_WORTH_CUTTING = 0.01
+# Pieces that "auto" adds to all models together, at most. With so many in the room a map takes
+# 11 ms in place of 3; what needs more is large beside what the sensors see, and so is the error less.
+MOST_ADDED = 250_000
+_COARSER = 2**0.25  # step of the edges where there would be more: midpoints halve them anyway
+_MOST_PIECES = 4_000_000  # of a model; as many faces take 1.8 GiB in all
+_HALF = 0.5 - 1e-12  # of a face's area; sums of the same areas in another order differ by rounding
+
+
+def cut_models(
+    models: Sequence[Model],
+    max_edge: float | str,
+    sensors: Sequence[Sensor],
+    options: VisibilityOptions,
+) -> tuple[Model, ...]:
+    """Return models whose faces are small enough; a model that needs no cut is the same object.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        As their files have them.
+    max_edge : float or str
+        Longest edge that a piece may have, scene unit; "auto" follows from what the sensors see,
+        "off" cuts nothing.
+    sensors : sequence of Sensor
+        Who looks, for "auto".
+    options : VisibilityOptions
+        By what pieces will count, for "auto".
+
+    Raises
+    ------
+    ValueError
+        If a length would cut a model into more pieces than fit in memory.
+    """
+    if max_edge == "off":
+        return tuple(models)
+    if max_edge == "auto":
+        return _cut_by_view(models, sensors, options)
+    return tuple(cut(model, float(max_edge)) for model in models)
+
+
+def cut(model: Model, max_edge: float, most: int = _MOST_PIECES) -> Model:
+    """Return a model with every edge longer than ``max_edge`` halved until none is.
+
+    An edge is split by its own length alone, so both of its faces get the same vertices on it and
+    what was closed stays closed. Pieces of a face follow each other, in the order of the file.
+
+    Parameters
+    ----------
+    model : Model
+        As its file has it.
+    max_edge : float
+        Scene unit, > 0.
+    most : int
+        Faces that the result may have.
+
+    Raises
+    ------
+    ValueError
+        If there would be more.
+    """
+    vertices, faces = model.vertices, model.faces.astype(np.int64)
+    file_face = np.arange(len(faces), dtype=np.int32)
+    while True:
+        ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
+        way = vertices[ends[..., 0]] - vertices[ends[..., 1]]
+        is_long = np.linalg.norm(way, axis=2) > max_edge
+        splits = is_long.sum(axis=1)
+        n_after = len(faces) + int(splits.sum())
+        if n_after == len(faces):
+            break
+        if n_after > most:
+            raise ValueError(
+                f"max_edge = {max_edge:g} cuts {model.name} into more than {most:,} pieces; "
+                "must be longer"
+            )
+        pairs = np.sort(ends[is_long], axis=1)
+        unique, which = np.unique(pairs[:, 0] * len(vertices) + pairs[:, 1], return_inverse=True)
+        low, high = np.divmod(unique, len(vertices))
+        middle = np.zeros_like(faces)  # of each face's edges, where they are split
+        middle[is_long] = len(vertices) + which.reshape(-1)
+        vertices = np.concatenate([vertices, (vertices[low] + vertices[high]) / 2])
+        parts, owners = [], []
+        for n, split in enumerate((_kept, _in_two, _in_three, _in_four)):
+            some = np.flatnonzero(splits == n)
+            parts.append(split(faces[some], middle[some], is_long[some], vertices).reshape(-1, 3))
+            owners.append(np.repeat(file_face[some], n + 1))
+        faces, file_face = np.concatenate(parts), np.concatenate(owners)
+    if len(faces) == model.n_faces:
+        return model
+    order = np.argsort(file_face, kind="stable")
+    faces, file_face = faces[order].astype(np.int32), file_face[order]
+    for array in (vertices, faces, file_face):
+        array.flags.writeable = False
+    return Model(model.name, vertices, faces, model.path, Pieces(model, file_face, max_edge))
+
+
+def view_side(model: Model, sensor: Sensor) -> float:
+    """Return the shorter side of what a sensor sees of a model, scene unit.
+
+    Of its image at working distance, and of the model no more than its diagonal.
+    """
+    side = 2 * float(sensor.intrinsics.tan_half.min()) * working_distance(sensor)
+    return min(side, float(np.linalg.norm(np.ptp(model.bounds, axis=0))))
+
+
+def large_faces(model: Model, sensors: Sequence[Sensor]) -> tuple[float, Bools]:
+    """Return the longest edge that is not large to any sensor, and which faces (F,) are."""
+    limit = LARGE * min(view_side(model, sensor) for sensor in sensors)
+    return limit, _longest_edges(model) > limit
+
+
+def seen_share(visible: ArrayLike, model: Model) -> Floats:
+    """Return the share of the area of the file's faces that lies in some pieces.
+
+    Parameters
+    ----------
+    visible : (..., F) bool
+        Pieces, such as the rows of a map.
+    model : Model
+        Cut or not.
+
+    Returns
+    -------
+    (..., F_file) float64
+        Of faces without area, the share of their pieces.
+    """
+    chosen = np.asarray(visible, dtype=bool)
+    if model.pieces is None:
+        return chosen.astype(float)
+    file_face = model.pieces.file_face
+    begin = np.searchsorted(file_face, np.arange(model.file.n_faces))
+    whole = np.add.reduceat(model.areas, begin)
+    weight = np.where(whole[file_face] > 0, model.areas, 1.0)
+    whole = np.add.reduceat(weight, begin)
+    return np.add.reduceat(np.where(chosen, weight, 0.0), begin, axis=-1) / whole
+
+
+def fold(visible: ArrayLike, model: Model) -> tuple[Floats, Bools]:
+    """Return a map of pieces (..., F) as one of the file's faces.
+
+    Returns
+    -------
+    seen_share : (..., F_file) float64
+        Share of each face's area that is seen.
+    visible : (..., F_file) bool
+        Whether that is at least one half.
+    """
+    share = seen_share(visible, model)
+    return share, share >= _HALF
+
+
+def fold_counts(counts: ArrayLike, model: Model) -> Integers:
+    """Return how many sensors see the file's faces, (F_file,), from those of the pieces (F,).
+
+    As many as see at least one half of the face's area, which need not be the same half: what two
+    sensors see of a wall together counts.
+    """
+    seen_by = np.asarray(counts).astype(np.int64)
+    if model.pieces is None:
+        return seen_by
+    folded = np.zeros(model.file.n_faces, dtype=np.int64)
+    for n in range(1, int(seen_by.max(initial=0)) + 1):
+        folded += fold(seen_by >= n, model)[1]
+    return folded
+
+
+def share_of(model: Model, chosen: Bools) -> float:
+    """Return the share of a model that some of its faces (F,) are: of its area where it is cut.
+
+    Of the number of its faces where it is not, as the paper counts.
+    """
+    if model.pieces is None:
+        return float(chosen.mean())
+    return float(model.areas[chosen].sum() / model.areas.sum())
+
+
+def share_noun(models: Sequence[Model]) -> str:
+    """Return of what ``share_of`` is a share, in a word for tables."""
+    are_cut = {model.pieces is not None for model in models}
+    return {(False,): "faces", (True,): "area"}.get(tuple(are_cut), "faces, or area where cut")
+
+
+def pieces_words(model: Model, unit: str) -> str:
+    """Return in a sentence what was cut, or "" where nothing was."""
+    if model.pieces is None:
+        return ""
+    pieces = np.bincount(model.pieces.file_face)
+    is_cut = pieces > 1
+    areas = model.file.areas
+    return (
+        f"{model.name}: {np.count_nonzero(is_cut):,} faces hold "
+        f"{100 * areas[is_cut].sum() / areas.sum():.0f} % of the area; cut into "
+        f"{pieces[is_cut].sum():,} pieces, edges up to {model.pieces.max_edge:.3g} {unit}"
+    )
+
+
+def _cut_by_view(
+    models: Sequence[Model], sensors: Sequence[Sensor], options: VisibilityOptions
+) -> tuple[Model, ...]:
+    """Return models cut as finely as the sensors' views ask for, and the bound allows."""
+    edges = {m: _piece_edge(model, sensors, options) for m, model in enumerate(models)}
+    for m, model in enumerate(models):
+        is_large = _longest_edges(model) > max(large_faces(model, sensors)[0], edges[m])
+        if model.areas[is_large].sum() < _WORTH_CUTTING * model.areas.sum():
+            del edges[m]
+    factor = 1.0
+    while True:
+        found, left = list(models), MOST_ADDED
+        try:
+            for m, edge in edges.items():
+                found[m] = cut(models[m], factor * edge, models[m].n_faces + left)
+                left -= found[m].n_faces - models[m].n_faces
+        except ValueError:
+            factor *= _COARSER
+            continue
+        return tuple(found)
+
+
+def _piece_edge(model: Model, sensors: Sequence[Sensor], options: VisibilityOptions) -> float:
+    """Return the longest edge that pieces are to have, scene unit."""
+    edges = []
+    for sensor in sensors:
+        share = _PIECE[options.criterion]
+        if options.criterion == "pixels" and not takes_second_look(options):
+            across = min(render_resolution(options, sensor, model))
+            share = max(share, _FEWEST_PIXELS * math.sqrt(options.min_pixels) / across)
+        edges.append(share * view_side(model, sensor))
+    return min(edges)
+
+
+def _longest_edges(model: Model) -> Floats:
+    """Return the longest edge of each face, (F,) float64, scene unit."""
+    corner = model.vertices[model.faces]
+    return np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2).max(axis=1)
+
+
+# How a face with so many split edges falls apart: from faces (n, 3), the middles of their edges ab,
+# bc, ca (n, 3), and which of these are split, to the corners of the parts. The winding stays.
+
+
+def _kept(faces: Integers, middle: Integers, is_split: Bools, vertices: Floats) -> Integers:
+    return faces
+
+
+def _in_two(faces: Integers, middle: Integers, is_split: Bools, vertices: Floats) -> Integers:
+    (a, b, c), (ab, _, _) = _turned(faces, middle, is_split.argmax(axis=1))
+    return np.stack([a, ab, c, ab, b, c], axis=1)
+
+
+def _in_three(faces: Integers, middle: Integers, is_split: Bools, vertices: Floats) -> Integers:
+    (a, b, c), (ab, bc, _) = _turned(faces, middle, (~is_split).argmax(axis=1) + 1)
+    # the corner at b goes, what is left has two diagonals: the shorter one makes the better pieces
+    lengths = [np.linalg.norm(vertices[p] - vertices[q], axis=1) for p, q in ((a, bc), (c, ab))]
+    by_a = np.stack([ab, b, bc, a, ab, bc, a, bc, c], axis=1)
+    by_c = np.stack([ab, b, bc, a, ab, c, ab, bc, c], axis=1)
+    return np.where((lengths[0] <= lengths[1])[:, None], by_a, by_c)
+
+
+def _in_four(faces: Integers, middle: Integers, is_split: Bools, vertices: Floats) -> Integers:
+    (a, b, c), (ab, bc, ca) = faces.T, middle.T
+    return np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1)
+
+
+def _turned(faces: Integers, middle: Integers, first: Integers) -> tuple[Integers, Integers]:
+    """Return corners (3, n) and middles (3, n) that begin with the edge ``first`` (n,)."""
+    columns = (first[:, None] + np.arange(3)) % 3
+    return np.take_along_axis(faces, columns, 1).T, np.take_along_axis(middle, columns, 1).T
