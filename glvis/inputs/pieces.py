@@ -24,19 +24,19 @@ Integers = NDArray[np.int64]
 # large. By centroids, a furnished room of 172 m2 (tests/rooms.py) cut to that is 0.2 points of area
 # off at most in ten random layouts of three Kinects and 0.5 in what a search finds.
 LARGE = 1 / 10
-# Edges of pieces, as the same share. A piece counts by its centre without bias, but whole as soon as
-# a pixel shows it: that adds half a piece all along the edge of what is seen. In the same room, by
-# pixels, 1/10 is 3.9 points too large at worst, 1/20 1.6, 1/25 1.2, 1/30 0.9 and 1/36 0.5.
+# Edges of pieces, as the same share. A piece counts by its centre without bias, but whole as soon
+# as a pixel shows it: that adds half a piece all along the edge of what is seen. In the same room,
+# by pixels, 1/10 is 3.9 points too large at worst, 1/20 1.6, 1/25 1.2, 1/30 0.9 and 1/36 0.5.
 _PIECE = {"pixels": 1 / 36, "centroid": LARGE}
-# Pixels along a piece's edge at working distance, at least, where pixels alone decide and would miss
-# smaller pieces seen obliquely from afar: in the room at the sensor's 512 x 424, 12 are 0.8 points
-# off at most, 10.6 are 0.7 and 7 are 3.9.
+# Pixels along a piece's edge at working distance, at least, where pixels alone decide and would
+# miss smaller pieces seen obliquely from afar: in the room at the sensor's 512 x 424, 12 are 0.8
+# points off at most, 10.6 are 0.7 and 7 are 3.9.
 _FEWEST_PIXELS = 12
-# Share of a model's area that large faces hold, at least, for "auto" to cut it: as much as the whole
-# error is to be, so that a hole closed by one large face does not cut a scan of a million.
+# Share of a model's area that large faces hold, at least, for "auto" to cut it: as much as the
+# whole error is to be, so that a hole closed by one large face does not cut a scan of a million.
 _WORTH_CUTTING = 0.01
 # Pieces that "auto" adds to all models together, at most. With so many in the room a map takes
-# 11 ms in place of 3; what needs more is large beside what the sensors see, and so is the error less.
+# 11 ms in place of 3; what needs more is large beside what the sensors see, and its error less.
 MOST_ADDED = 250_000
 _COARSER = 2**0.25  # step of the edges where there would be more: midpoints halve them anyway
 _MOST_PIECES = 4_000_000  # of a model; as many faces take 1.8 GiB in all
@@ -125,10 +125,10 @@ def cut(model: Model, max_edge: float, most: int = _MOST_PIECES) -> Model:
     if len(faces) == model.n_faces:
         return model
     order = np.argsort(file_face, kind="stable")
-    faces, file_face = faces[order].astype(np.int32), file_face[order]
-    for array in (vertices, faces, file_face):
+    ordered, owner = faces[order].astype(np.int32), file_face[order]
+    for array in (vertices, ordered, owner):
         array.flags.writeable = False
-    return Model(model.name, vertices, faces, model.path, Pieces(model, file_face, max_edge))
+    return Model(model.name, vertices, ordered, model.path, Pieces(model, owner, max_edge))
 
 
 def view_side(model: Model, sensor: Sensor) -> float:
@@ -140,10 +140,18 @@ def view_side(model: Model, sensor: Sensor) -> float:
     return min(side, float(np.linalg.norm(np.ptp(model.bounds, axis=0))))
 
 
-def large_faces(model: Model, sensors: Sequence[Sensor]) -> tuple[float, Bools]:
-    """Return the longest edge that is not large to any sensor, and which faces (F,) are."""
-    limit = LARGE * min(view_side(model, sensor) for sensor in sensors)
-    return limit, _longest_edges(model) > limit
+def large_limit(model: Model, sensors: Sequence[Sensor]) -> float:
+    """Return the length beyond which an edge of a model is large to one of the sensors."""
+    return LARGE * min(view_side(model, sensor) for sensor in sensors)
+
+
+def faces_beyond(model: Model, edge: float) -> Bools:
+    """Return which faces of a model have a longer edge than that, (F,) bool."""
+    if model.longest_edge <= edge:
+        return np.zeros(model.n_faces, dtype=bool)
+    corner = model.vertices[model.faces]
+    sides = corner - np.roll(corner, -1, axis=1)
+    return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1) > edge)
 
 
 def seen_share(visible: ArrayLike, model: Model) -> Floats:
@@ -201,20 +209,20 @@ def fold_counts(counts: ArrayLike, model: Model) -> Integers:
     return folded
 
 
-def share_of(model: Model, chosen: Bools) -> float:
-    """Return the share of a model that some of its faces (F,) are: of its area where it is cut.
+def noun_of_shares(models: Sequence[Model]) -> str:
+    """Return what the parts of models that people read of are shares of: "faces" or "area".
 
-    Of the number of its faces where it is not, as the paper counts.
+    Of the number of faces, as the paper counts, unless one of the models was cut: pieces are no
+    faces of the file, and how many there are means nothing.
     """
-    if model.pieces is None:
+    return "area" if any(model.pieces for model in models) else "faces"
+
+
+def share_of(model: Model, chosen: Bools, noun: str) -> float:
+    """Return the share of a model, by "faces" or "area", that some of its faces (F,) are."""
+    if noun == "faces":
         return float(chosen.mean())
     return float(model.areas[chosen].sum() / model.areas.sum())
-
-
-def share_noun(models: Sequence[Model]) -> str:
-    """Return of what ``share_of`` is a share, in a word for tables."""
-    are_cut = {model.pieces is not None for model in models}
-    return {(False,): "faces", (True,): "area"}.get(tuple(are_cut), "faces, or area where cut")
 
 
 def pieces_words(model: Model, unit: str) -> str:
@@ -235,12 +243,15 @@ def _cut_by_view(
     models: Sequence[Model], sensors: Sequence[Sensor], options: VisibilityOptions
 ) -> tuple[Model, ...]:
     """Return models cut as finely as the sensors' views ask for, and the bound allows."""
-    edges = {m: _piece_edge(model, sensors, options) for m, model in enumerate(models)}
+    edges = {}
     for m, model in enumerate(models):
-        is_large = _longest_edges(model) > max(large_faces(model, sensors)[0], edges[m])
-        if model.areas[is_large].sum() < _WORTH_CUTTING * model.areas.sum():
-            del edges[m]
-    factor = 1.0
+        edge = _piece_edge(model, sensors, options)
+        is_large = faces_beyond(model, max(large_limit(model, sensors), edge))
+        if model.areas[is_large].sum() > _WORTH_CUTTING * model.areas.sum():
+            edges[m] = edge
+    # no piece is larger than the triangle of three such edges: fewer pieces cannot do
+    fewest = sum(models[m].areas.sum() / edge**2 for m, edge in edges.items()) * 4 / math.sqrt(3)
+    factor = max(1.0, math.sqrt(fewest / (MOST_ADDED + sum(models[m].n_faces for m in edges))))
     while True:
         found, left = list(models), MOST_ADDED
         try:
@@ -263,12 +274,6 @@ def _piece_edge(model: Model, sensors: Sequence[Sensor], options: VisibilityOpti
             share = max(share, _FEWEST_PIXELS * math.sqrt(options.min_pixels) / across)
         edges.append(share * view_side(model, sensor))
     return min(edges)
-
-
-def _longest_edges(model: Model) -> Floats:
-    """Return the longest edge of each face, (F,) float64, scene unit."""
-    corner = model.vertices[model.faces]
-    return np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2).max(axis=1)
 
 
 # How a face with so many split edges falls apart: from faces (n, 3), the middles of their edges ab,

@@ -173,14 +173,26 @@ class Model:
         """Lower and upper corner of the axis-aligned box, (2, 3) float64."""
         return _read_only(np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]))
 
-    @cached_property
+    @property
     def mean_edge(self) -> float:
         """Mean length of the sides of the faces, scene unit."""
-        total = 0.0
+        return self._edge_lengths[0]
+
+    @property
+    def longest_edge(self) -> float:
+        """Length of the longest side of any face, scene unit."""
+        return self._edge_lengths[1]
+
+    @cached_property
+    def _edge_lengths(self) -> tuple[float, float]:
+        """Mean and largest length of the sides of the faces."""
+        total = longest = 0.0
         for i in range(3):
             side = self.vertices[self.faces[:, i]] - self.vertices[self.faces[:, i - 1]]
-            total += float(np.linalg.norm(side, axis=1).sum())
-        return total / (3 * self.n_faces)
+            length = np.linalg.norm(side, axis=1)
+            total += float(length.sum())
+            longest = max(longest, float(length.max()))
+        return total / (3 * self.n_faces), longest
 
     @cached_property
     def _edges(self) -> tuple[int, int, int]:

@@ -36,8 +36,8 @@ REACH = "reach.npz"
 
 SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
 # After a model's name, where its faces were cut: the share of each face of the file that is seen,
-# and what was found for the pieces, in the order of ``pieces.cut``.
-SEEN_SHARE, PIECES = ":seen_share", ":pieces"
+# what was found for the pieces, and which of the file's faces each of them is a piece of.
+SEEN_SHARE, PIECES, PIECE_OF = ":seen_share", ":pieces", ":piece_of"
 _PACKAGES = ("moderngl", "glcontext", "numpy", "trimesh", "pyswarms", "scipy", "pillow")
 
 
@@ -96,6 +96,7 @@ def write_data(placement: Placement, directory: Path) -> None:
         if model.pieces:
             arrays[model.name + SEEN_SHARE] = share.astype(np.float32)
             arrays[model.name + PIECES] = found.visible
+            arrays[model.name + PIECE_OF] = model.pieces.file_face
     write_npz(directory / MAPS, arrays | {SENSOR_NAMES: np.array(study.sensor_names)})
     if placement.reach:
         arrays = {}

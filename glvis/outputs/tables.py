@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.inputs.pieces import fold, fold_counts
+from glvis.inputs.pieces import fold, fold_counts, noun_of_shares
 from glvis.inputs.scene import Model
 from glvis.optim.objective import Objective
 from glvis.sight.visibility import VisibilityMap
@@ -142,6 +142,24 @@ def sensor_rows(models: Sequence[Model], maps: Sequence[VisibilityMap]) -> list[
             strict=True,
         )
     ]
+
+
+def sensor_table(
+    models: Sequence[Model], maps: Sequence[VisibilityMap]
+) -> tuple[str, list[tuple[str, float, float]]]:
+    """Return what each sensor sees and what only it sees, for people.
+
+    Returns
+    -------
+    noun : str
+        Of what the percentages are: "faces", or "area" where some were cut.
+    rows : list of (str, float, float)
+        Name, percentage seen and percentage that only it sees, the mean over models.
+    """
+    noun, rows = noun_of_shares(models), sensor_rows(models, maps)
+    if noun == "faces":
+        return noun, [(row.name, row.seen_percentage, row.only_it_percentage) for row in rows]
+    return noun, [(row.name, row.area_percentage, row.only_it_area_percentage) for row in rows]
 
 
 def _only_one(found: VisibilityMap) -> NDArray[np.bool_]:

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from glvis.inputs.estimate import Cost, share_below_a_pixel, working_distance
+from glvis.inputs.pieces import pieces_words
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
-from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.outputs.tables import mean_row, model_rows, sensor_table
 from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.sight.visibility import render_resolution, takes_second_look
 from glvis.terminal import duration, table
@@ -30,9 +31,12 @@ def study_lines(study: Study) -> Iterator[str]:
         [
             (what, m.name, m.n_faces, float(m.areas.sum()), m.mean_edge,
              "closed" if m.is_closed else "open")
-            for what, m in meshes
+            for what, m in [(what, m.file) for what, m in meshes]
         ],
     )  # fmt: skip
+    for model in study.models:
+        if model.pieces:
+            yield f"  {pieces_words(model, unit)}"
     yield ""
     yield "Sensors"
     kinds = {sensor.name: sensor for sensor in study.sensors}
@@ -153,14 +157,7 @@ def result_lines(placement: Placement) -> Iterator[str]:
         yield reach_words(placement.reach)
         yield from table(header, [[name, *map("{:.1f}".format, row)] for name, *row in numbers])
         yield ""
-    yield "Sensors: what each sees, and what only it sees, in % of the faces (mean over models)"
-    yield from table(
-        ("sensor", "sees %", "only it %"),
-        [
-            (row.name, f"{row.seen_percentage:.1f}", f"{row.only_it_percentage:.1f}")
-            for row in sensor_rows(placement.maps)
-        ],
-    )
+    yield from _sensor_lines(placement)
     yield ""
     kind = study.objective.kind.upper()
     if not placement.trace:
@@ -174,9 +171,19 @@ def result_lines(placement: Placement) -> Iterator[str]:
     )
 
 
+def _sensor_lines(placement: Placement) -> Iterator[str]:
+    noun, rows = sensor_table(placement.study.models, placement.maps)
+    yield f"Sensors: what each sees, and what only it sees, in % of the {noun} (mean over models)"
+    yield from table(
+        ("sensor", "sees %", "only it %"),
+        [(name, f"{seen:.1f}", f"{only_it:.1f}") for name, seen, only_it in rows],
+    )
+
+
 def _objective_lines(study: Study) -> Iterator[str]:
     objective = study.objective
-    what = "area" if objective.by_area else "faces"
+    counted = "faces and pieces" if any(model.pieces for model in study.models) else "faces"
+    what = "area" if objective.by_area else counted
     line = f"Objective: {objective.kind.upper()} by {what}"
     if objective.kind == "of3":
         line += f", {objective.w_tot:g} T_tot + {objective.w_of1:g} OF1 + {objective.w_of2:g} OF2"
