@@ -34,7 +34,7 @@ _PIECE = {"pixels": 1 / 36, "centroid": LARGE}
 _FEWEST_PIXELS = 12
 # Share of a model's area that large faces hold, at least, for "auto" to cut it: as much as the
 # whole error is to be, so that a hole closed by one large face does not cut a scan of a million.
-_WORTH_CUTTING = 0.01
+WORTH_CUTTING = 0.01
 # Pieces that "auto" adds to all models together, at most. With so many in the room a map takes
 # 11 ms in place of 3; what needs more is large beside what the sensors see, and its error less.
 MOST_ADDED = 250_000
@@ -247,7 +247,7 @@ def _cut_by_view(
     for m, model in enumerate(models):
         edge = _piece_edge(model, sensors, options)
         is_large = faces_beyond(model, max(large_limit(model, sensors), edge))
-        if model.areas[is_large].sum() > _WORTH_CUTTING * model.areas.sum():
+        if model.areas[is_large].sum() > WORTH_CUTTING * model.areas.sum():
             edges[m] = edge
     # no piece is larger than the triangle of three such edges: fewer pieces cannot do
     fewest = sum(models[m].areas.sum() / edge**2 for m, edge in edges.items()) * 4 / math.sqrt(3)

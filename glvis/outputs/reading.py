@@ -18,7 +18,16 @@ from glvis.inputs.study import Study, load_study
 from glvis.optim.placement import Placement, TraceRow
 from glvis.optim.reach import Reach
 from glvis.outputs.folder import INDEX, STUDY, read_index
-from glvis.outputs.result import MAPS, PIECES, REACH, SCHEMA, SENSOR_NAMES, TRACE, sha256
+from glvis.outputs.result import (
+    MAPS,
+    PIECE_OF,
+    PIECES,
+    REACH,
+    SCHEMA,
+    SENSOR_NAMES,
+    TRACE,
+    sha256,
+)
 from glvis.sight.context import GlInfo
 from glvis.sight.visibility import VisibilityMap
 
@@ -121,7 +130,8 @@ def _check_meshes(index: Mapping[str, Any], study: Study) -> None:
         if entry.get("pieces", model.file.n_faces) != model.n_faces:
             raise StudyError(
                 f"{study.path}: {model.name} was cut into {entry.get('pieces', 'no')} pieces by "
-                f"the glvis that made the result, and into {model.n_faces} by this one"
+                f"the glvis that made the result, and into {model.n_faces} by this one; "
+                "evaluate its poses anew: glvis evaluate --poses"
             )
 
 
@@ -148,6 +158,9 @@ def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:
     with np.load(path, allow_pickle=False) as arrays:
         names = tuple(str(name) for name in arrays[SENSOR_NAMES])
         maps = tuple(VisibilityMap(m.name, names, arrays[_key(m)]) for m in study.models)
+        for model in study.models:
+            if model.pieces and (arrays[model.name + PIECE_OF] != model.pieces.file_face).any():
+                raise StudyError(f"{path}: its pieces are not those of the study")
     for found, model in zip(maps, study.models, strict=True):
         expected = (len(study.sensor_names), model.n_faces)
         if names != study.sensor_names or found.visible.shape != expected:

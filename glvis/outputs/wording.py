@@ -6,7 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from glvis.inputs.estimate import Cost, share_below_a_pixel, working_distance
+from glvis.errors import MachineError
+from glvis.inputs.estimate import (
+    Cost,
+    LargeFaces,
+    large_faces,
+    share_below_a_pixel,
+    working_distance,
+)
 from glvis.inputs.pieces import pieces_words
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
@@ -16,6 +23,7 @@ from glvis.sight.visibility import render_resolution, takes_second_look
 from glvis.terminal import duration, table
 
 _MANY_BELOW_A_PIXEL = 0.05
+_FEW_POINTS = 0.03  # of the area, that both criteria may differ by
 
 
 def study_lines(study: Study) -> Iterator[str]:
@@ -99,6 +107,28 @@ def resolution_warnings(study: Study) -> list[str]:
                 "higher resolution or criterion = 'centroid', or a coarser mesh"
             )
     return found
+
+
+def large_face_warnings(study: Study) -> list[str]:
+    """Return one sentence for each model whose large faces make what is seen a matter of luck."""
+    try:
+        found = large_faces(study)
+    except MachineError:  # who draws for the study will say so
+        return []
+    return [
+        f"{one.model.name}: {one.n_faces:,} {'pieces' if one.model.pieces else 'faces'} hold "
+        f"{100 * one.area_share:.0f} % of the area and each counts whole: "
+        f"{100 * one.by_pixels:.1f} % of the area would be seen by criterion = 'pixels', "
+        f"{100 * one.by_centroid:.1f} % by 'centroid'; {_remedy(one, study.unit)}"
+        for one in found
+        if one.difference > _FEW_POINTS
+    ]
+
+
+def _remedy(found: LargeFaces, unit: str) -> str:
+    if found.model.pieces:
+        return f"set [scene] max_edge shorter than {found.model.pieces.max_edge:.2g} ({unit})"
+    return f"set [scene] max_edge = 'auto', or a length such as {found.limit:.2g} ({unit})"
 
 
 def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
