@@ -225,7 +225,7 @@ def test_a_face_is_seen_where_half_of_its_area_is():
     share, seen = fold(visible, found)
     np.testing.assert_allclose(share, [[0.5, 0, 0], [0, 15 / 32, 0], [1, 1, 1]])
     assert (seen == [[True, False, False], [False, False, False], [True, True, True]]).all()
-    # two of them see half of the second, never the same: it counts as seen once
+    # of counts alone: all of the second is seen once, and less than half of it twice
     np.testing.assert_array_equal(fold_counts(visible.sum(axis=0), found), [2, 1, 1])
 
 

@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glvis.inputs.scene import Model, Pieces
 from glvis.inputs.sensor import Sensor, working_distance
-from glvis.sight.visibility import VisibilityOptions, render_resolution, takes_second_look
+from glvis.sight.visibility import (
+    VisibilityMap,
+    VisibilityOptions,
+    render_resolution,
+    takes_second_look,
+)
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -194,19 +200,26 @@ def fold(visible: ArrayLike, model: Model) -> tuple[Floats, Bools]:
     return share, share >= _HALF
 
 
-def fold_counts(counts: ArrayLike, model: Model) -> Integers:
-    """Return how many sensors see the file's faces, (F_file,), from those of the pieces (F,).
+def folded(found: VisibilityMap, model: Model) -> VisibilityMap:
+    """Return a map of pieces as one of the file's faces; of a model that was not cut, the same."""
+    if model.pieces is None:
+        return found
+    return replace(found, visible=fold(found.visible, model)[1])
 
-    As many as see at least one half of the face's area, which need not be the same half: what two
-    sensors see of a wall together counts.
+
+def fold_counts(counts: ArrayLike, model: Model) -> Integers:
+    """Return how many sensors see the file's faces, (F_file,), where only pieces' (F,) are known.
+
+    As many as see one half of the area together: two see it all twice, or each another part of it
+    once.
     """
     seen_by = np.asarray(counts).astype(np.int64)
     if model.pieces is None:
         return seen_by
-    folded = np.zeros(model.file.n_faces, dtype=np.int64)
+    total = np.zeros(model.file.n_faces, dtype=np.int64)
     for n in range(1, int(seen_by.max(initial=0)) + 1):
-        folded += fold(seen_by >= n, model)[1]
-    return folded
+        total += fold(seen_by >= n, model)[1]
+    return total
 
 
 def noun_of_shares(models: Sequence[Model]) -> str:

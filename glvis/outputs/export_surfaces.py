@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from glvis.drawing.coloring import Seen, coloring
 from glvis.drawing.palette import OBSTACLE_COLOR, sensor_colors
-from glvis.inputs.pieces import fold, fold_counts
+from glvis.inputs.pieces import fold, folded
 from glvis.inputs.scene import Model
 from glvis.inputs.schema import MM_PER_UNIT
 from glvis.inputs.sensor import Sensor
@@ -65,7 +65,7 @@ def write_surfaces(placement: Placement, directory: Path) -> None:
         write_ply(directory / PIECES / file, model, colors[m], of_pieces)
         share, is_seen = fold(counts > 0, model)
         of_faces: dict[str, NDArray[Any]] = {
-            "seen_by": fold_counts(counts, model),
+            "seen_by": folded(found, model).counts,
             "seen_share": share,
         }
         most = _of_most_area(model, colors[m], counts > 0, is_seen)

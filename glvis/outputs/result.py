@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.camera import angles_from_direction, position_direction_roll
-from glvis.inputs.pieces import fold, fold_counts
+from glvis.inputs.pieces import fold_counts, folded, seen_share
 from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement, TraceRow
 from glvis.outputs.folder import INDEX, STUDY, files_below, write_index
@@ -92,8 +92,9 @@ def write_data(placement: Placement, directory: Path) -> None:
     write_csv(directory / TRACE, TraceRow._fields, placement.trace)
     arrays: dict[str, NDArray[Any]] = {}
     for model, found in zip(study.models, placement.maps, strict=True):
-        share, arrays[model.name] = fold(found.visible, model)
+        arrays[model.name] = folded(found, model).visible
         if model.pieces:
+            share = seen_share(found.visible, model)
             arrays[model.name + SEEN_SHARE] = share.astype(np.float32)
             arrays[model.name + PIECES] = found.visible
             arrays[model.name + PIECE_OF] = model.pieces.file_face

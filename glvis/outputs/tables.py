@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.inputs.pieces import fold, fold_counts, noun_of_shares
+from glvis.inputs.pieces import folded, noun_of_shares
 from glvis.inputs.scene import Model
 from glvis.optim.objective import Objective
 from glvis.sight.visibility import VisibilityMap
@@ -18,8 +18,8 @@ from glvis.sight.visibility import VisibilityMap
 class ModelRow:
     """One model: the columns of Table 9, and how often faces are seen.
 
-    Faces are those of the file; of one in pieces a sensor sees at least half the area, or at least
-    n sensors do.
+    Faces are those of the file: one in pieces is seen by each sensor that sees at least half of
+    its area. So two sensors that see a third of a wall each do not count, but their areas do.
 
     Attributes
     ----------
@@ -87,18 +87,16 @@ def model_rows(
     rows = []
     for model, found in zip(models, maps, strict=True):
         is_seen = found.visible.any(axis=0)
-        n_sensors, n_faces = len(found.sensor_names), model.file.n_faces
-        seen_by = fold_counts(found.counts, model)
-        at_least = [np.count_nonzero(seen_by >= n) / n_faces for n in range(1, n_sensors + 1)]
+        n_sensors, whole = len(found.sensor_names), folded(found, model)
         rows.append(
             ModelRow(
                 model.name,
-                int(np.count_nonzero(fold(found.visible, model)[1])),
-                int(np.count_nonzero(seen_by)),
-                n_faces,
-                100 * at_least[0],
+                whole.n_total,
+                whole.n_unique,
+                model.file.n_faces,
+                100 * whole.coverage,
                 100 * float(model.areas[is_seen].sum() / model.areas.sum()),
-                tuple(at_least),
+                tuple(whole.share_seen_by(n) for n in range(1, n_sensors + 1)),
                 objective.terms(found.counts, model.areas),
             )
         )
@@ -122,9 +120,9 @@ def mean_terms(rows: Sequence[ModelRow]) -> dict[str, float]:
 
 def sensor_rows(models: Sequence[Model], maps: Sequence[VisibilityMap]) -> list[SensorRow]:
     """Return one row a sensor, in their order."""
-    both = list(zip(models, maps, strict=True))
-    seen = np.stack([fold(found.visible, model)[1].sum(axis=1) for model, found in both])  # (M, S)
-    only = np.stack([_only_it(model, found).sum(axis=1) for model, found in both])
+    whole = [folded(found, model) for model, found in zip(models, maps, strict=True)]
+    seen = np.stack([found.visible.sum(axis=1) for found in whole])  # (M, S)
+    only = np.stack([_only_one(found).sum(axis=1) for found in whole])
     faces = np.array([model.file.n_faces for model in models])[:, None]
     areas = [model.areas / model.areas.sum() for model in models]
     seen_area = [found.visible @ area for area, found in zip(areas, maps, strict=True)]
@@ -165,11 +163,3 @@ def sensor_table(
 def _only_one(found: VisibilityMap) -> NDArray[np.bool_]:
     """Return where a sensor is the only one to see a face or a piece, (S, F) bool."""
     return found.visible & (found.counts == 1)
-
-
-def _only_it(model: Model, found: VisibilityMap) -> NDArray[np.bool_]:
-    """Return which of the file's faces would be lost without each sensor, (S, F_file) bool."""
-    if model.pieces is None:
-        return _only_one(found)
-    is_seen = fold(found.counts > 0, model)[1]
-    return np.stack([is_seen & ~fold(found.counts > v, model)[1] for v in found.visible])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from glvis.inputs.pieces import fold_counts
+from glvis.inputs.pieces import fold_counts, folded
 from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement
 from glvis.optim.reach import Reach
@@ -47,7 +47,7 @@ def reach_rows(
         seen, within = found.counts > 0, by > 0
         area, area_seen = float(model.areas[within].sum()), float(model.areas[seen].sum())
         by_faces = fold_counts(by, model)  # counts and their shares are of the file's faces
-        n_seen = np.count_nonzero(fold_counts(found.counts, model))
+        n_seen = folded(found, model).n_unique
         n_within = np.count_nonzero(by_faces)
         rows.append(
             ReachRow(

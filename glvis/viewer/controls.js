@@ -103,7 +103,7 @@ function showNumbers(mesh) {
   const ofArea = byArea ? '' : `, ${percent(unseenArea / mesh.area)} of the area`;
   const tile = (value, text, title, name) => element('div', { class: name, title }, element('b', {}, value), element('span', {}, text));
   byId('stats').replaceChildren(
-    tile(share(all - exactly[0]), 'seen', `${amount(all - exactly[0])} are seen by at least one sensor`),
+    tile(share(all - exactly[0]), byArea ? 'area seen' : 'seen', `${amount(all - exactly[0])} are seen by at least one sensor`),
     tile(share(twice), 'by two or more', `${amount(twice)} are seen by at least two sensors`),
     tile(share(exactly[0]), 'unseen', byArea ? amount(exactly[0]) : `${number(exactly[0], 0)} faces, ${area(unseenArea, study.unit)}${ofArea}`, 'unseen'),
     element('p', { class: 'note' }, `${amount(exactly[0])} unseen${ofArea}` +
