@@ -28,21 +28,23 @@ Integers = NDArray[np.int64]
 
 # Share of the shorter side of what a sensor sees at working distance: a face with a longer edge is
 # large. By centroids, a furnished room of 172 m2 (tests/rooms.py) cut to that is 0.2 points of area
-# off at most in ten random layouts of three Kinects and 0.5 in what a search finds.
+# off at most in the ten layouts of tools/bench --only room and 0.6 in what the search finds.
 LARGE = 1 / 10
 # Edges of pieces, as the same share. A piece counts by its centre without bias, but whole as soon
-# as a pixel shows it: that adds half a piece all along the edge of what is seen. In the same room,
-# by pixels, 1/10 is 3.9 points too large at worst, 1/20 1.6, 1/25 1.2, 1/30 0.9 and 1/36 0.5.
+# as a pixel shows it: that adds half a piece all along the edge of what is seen. In the same
+# layouts, by pixels, 1/10 is 3.4 points too large at worst, 1/20 1.4, 1/25 1.0, 1/30 0.8 and 1/36
+# 0.5, as in what the search finds.
 _PIECE = {"pixels": 1 / 36, "centroid": LARGE}
 # Pixels along a piece's edge at working distance, at least, where pixels alone decide and would
-# miss smaller pieces seen obliquely from afar: in the room at the sensor's 512 x 424, 12 are 0.8
-# points off at most, 10.6 are 0.7 and 7 are 3.9.
+# miss smaller pieces seen obliquely from afar: in these layouts at the sensor's 512 x 424, 12 are
+# 0.1 to 0.8 points too large, 7 up to 2.1 too small.
 _FEWEST_PIXELS = 12
 # Share of a model's area that large faces hold, at least, for "auto" to cut it: as much as the
 # whole error is to be, so that a hole closed by one large face does not cut a scan of a million.
 WORTH_CUTTING = 0.01
-# Pieces that "auto" adds to all models together, at most. With so many in the room a map takes
-# 11 ms in place of 3; what needs more is large beside what the sensors see, and its error less.
+# Pieces that "auto" adds to all models together, at most. With nearly as many in the room a map
+# takes 13 ms in place of 2; what needs more is so large beside what a sensor sees that the pieces
+# along the edge of that, however long, are a small part of it.
 MOST_ADDED = 250_000
 _COARSER = 2**0.25  # step of the edges where there would be more: midpoints halve them anyway
 _MOST_PIECES = 4_000_000  # of a model; as many faces take 1.8 GiB in all
