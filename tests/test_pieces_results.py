@@ -217,6 +217,7 @@ def test_layouts_cut_differently_are_compared_by_the_finer_pieces(run, path, tmp
     expected = evaluate_poses(placement.study, poses)
     for a, b in zip(alike[1].placement.maps, expected.maps, strict=True):
         np.testing.assert_array_equal(a.visible, b.visible)
+    assert alike[1].placement.value == expected.value
     # the other way round it is the first that is looked at again
     assert shared_models(cut_alike(layouts[::-1])) == ["cube", "ball"]
 
@@ -225,6 +226,16 @@ def test_compare_through_the_command_line(run, path, result, tmp_path):
     run("evaluate", path, "-o", tmp_path / "off", "--no-pictures", "--set", "scene.max_edge=off")
     out = run("compare", tmp_path / "off", result, "-o", tmp_path / "compared")
     assert "out against off, % of the area" in out
+    assert "\noff is told by the finer pieces of others; by its own its objective was " in out
+    assert "\nout is told" not in out
+    lines = [line.split() for line in out.splitlines()]
+    told = next(line for line in lines if line[:2] == ["area", "seen,"])[-2:]
+    rows = [line[1:] for line in lines if line[:1] in (["cube"], ["ball"]) and line[1] != "seen"]
+    parts = np.array(rows, dtype=float)
+    both, only_off, only_out, _ = parts.mean(axis=0)
+    assert [float(value) for value in told] == pytest.approx(
+        [both + only_off, both + only_out], abs=0.02
+    )
     assert (tmp_path / "compared" / "cube-difference.png").is_file()
 
 

@@ -83,8 +83,8 @@ def _as_cut(placement: Placement, finest: dict[str, Model]) -> Placement:
     if all(_same(one, other) for one, other in zip(models, study.models, strict=True)):
         return placement
     study = replace(study, models=models)
-    maps = evaluate_poses(study, placement.camera_to_world).maps
-    return replace(placement, study=study, maps=maps)
+    again = evaluate_poses(study, placement.camera_to_world)
+    return replace(placement, study=study, maps=again.maps, value=again.value)
 
 
 def shared_models(layouts: Sequence[Layout]) -> list[str]:
@@ -141,8 +141,15 @@ def comparison_rows(layouts: Sequence[Layout]) -> list[list[str]]:
 
 def comparison_lines(layouts: Sequence[Layout]) -> Iterator[str]:
     """Yield the table, and against the first layout: gains, losses, how far sensors moved."""
+    given, layouts = layouts, cut_alike(layouts)
+    first, *others = layouts
     yield from table(["", *(layout.name for layout in layouts)], comparison_rows(layouts))
-    first, *others = layouts = cut_alike(layouts)
+    for one, before in zip(layouts, given, strict=True):
+        if one.placement is not before.placement:
+            yield (
+                f"{one.name} is told by the finer pieces of others; by its own its objective was "
+                f"{before.placement.value:.4f}"
+            )
     models = shared_models(layouts)
     for other in others:
         if models:
