@@ -103,17 +103,20 @@ def cut(model: Model, max_edge: float, most: int = _MOST_PIECES) -> Model:
     ValueError
         If there would be more.
     """
-    vertices, faces = model.vertices, model.faces.astype(np.int64)
-    file_face = np.arange(len(faces), dtype=np.int32)
-    while True:
+    vertices = model.vertices
+    left = np.flatnonzero(faces_beyond(model, max_edge))  # a face without a long edge is done
+    if not len(left):
+        return model
+    small = np.ones(model.n_faces, dtype=bool)
+    small[left] = False
+    parts, owners = [model.faces[small]], [np.flatnonzero(small)]
+    faces, n_done = model.faces[left].astype(np.int64), model.n_faces - len(left)
+    while len(faces):
         ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2)
         way = vertices[ends[..., 0]] - vertices[ends[..., 1]]
         is_long = np.linalg.norm(way, axis=2) > max_edge
         splits = is_long.sum(axis=1)
-        n_after = len(faces) + int(splits.sum())
-        if n_after == len(faces):
-            break
-        if n_after > most:
+        if n_done + len(faces) + int(splits.sum()) > most:
             raise ValueError(
                 f"max_edge = {max_edge:g} cuts {model.name} into more than {most:,} pieces; "
                 "must be longer"
@@ -124,16 +127,18 @@ def cut(model: Model, max_edge: float, most: int = _MOST_PIECES) -> Model:
         middle = np.zeros_like(faces)  # of each face's edges, where they are split
         middle[is_long] = len(vertices) + which.reshape(-1)
         vertices = np.concatenate([vertices, (vertices[low] + vertices[high]) / 2])
-        parts, owners = [], []
-        for n, split in enumerate((_kept, _in_two, _in_three, _in_four)):
+        parts.append(faces[splits == 0].astype(np.int32))
+        owners.append(left[splits == 0])
+        n_done += len(owners[-1])
+        finer, whose = [], []
+        for n, split in enumerate((_in_two, _in_three, _in_four), start=1):
             some = np.flatnonzero(splits == n)
-            parts.append(split(faces[some], middle[some], is_long[some], vertices).reshape(-1, 3))
-            owners.append(np.repeat(file_face[some], n + 1))
-        faces, file_face = np.concatenate(parts), np.concatenate(owners)
-    if len(faces) == model.n_faces:
-        return model
-    order = np.argsort(file_face, kind="stable")
-    ordered, owner = faces[order].astype(np.int32), file_face[order]
+            finer.append(split(faces[some], middle[some], is_long[some], vertices).reshape(-1, 3))
+            whose.append(np.repeat(left[some], n + 1))
+        faces, left = np.concatenate(finer), np.concatenate(whose)
+    owner = np.concatenate(owners).astype(np.int32)
+    order = np.argsort(owner, kind="stable")
+    ordered, owner = np.concatenate(parts)[order], owner[order]
     for array in (vertices, ordered, owner):
         array.flags.writeable = False
     return Model(model.name, vertices, ordered, model.path, Pieces(model, owner, max_edge))
@@ -155,11 +160,13 @@ def large_limit(model: Model, sensors: Sequence[Sensor]) -> float:
 
 def faces_beyond(model: Model, edge: float) -> Bools:
     """Return which faces of a model have a longer edge than that, (F,) bool."""
+    found = np.zeros(model.n_faces, dtype=bool)
     if model.longest_edge <= edge:
-        return np.zeros(model.n_faces, dtype=bool)
-    corner = model.vertices[model.faces]
-    sides = corner - np.roll(corner, -1, axis=1)
-    return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1) > edge)
+        return found
+    for i in range(3):
+        side = model.vertices[model.faces[:, i]] - model.vertices[model.faces[:, i - 1]]
+        found |= np.linalg.norm(side, axis=1) > edge
+    return found
 
 
 def seen_share(visible: ArrayLike, model: Model) -> Floats:
@@ -293,10 +300,6 @@ def _piece_edge(model: Model, sensors: Sequence[Sensor], options: VisibilityOpti
 
 # How a face with so many split edges falls apart: from faces (n, 3), the middles of their edges ab,
 # bc, ca (n, 3), and which of these are split, to the corners of the parts. The winding stays.
-
-
-def _kept(faces: Integers, middle: Integers, is_split: Bools, vertices: Floats) -> Integers:
-    return faces
 
 
 def _in_two(faces: Integers, middle: Integers, is_split: Bools, vertices: Floats) -> Integers:
