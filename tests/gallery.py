@@ -9,6 +9,7 @@ STUDY = """
 title = "Torus, three cameras"
 [scene]
 models = ["ring.off"]
+max_edge = "off"
 obstacles = ["pad.off"]
 [sensor.cam]
 hfov_deg = 50

@@ -13,6 +13,7 @@ up = [0, 0, 1]
 
 [scene]
 models = ["ball.off", "ring.off"]
+max_edge = "off"
 obstacles = ["post.off"]
 
 [sensor.eye]

@@ -13,6 +13,7 @@ up = [0, 1, 0]
 
 [scene]
 models = ["cube.off", "small.off"]
+max_edge = "off"
 
 [sensor.eye]
 hfov_deg = 60

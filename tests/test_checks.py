@@ -12,6 +12,7 @@ RING = """\
 unit = "UNIT"
 [scene]
 models = ["ball.off"]
+max_edge = "off"
 scale = SCALE
 [sensor.near]
 hfov_deg = 60

@@ -20,6 +20,7 @@ ARM = """
 up = [0, 1, 0]
 [scene]
 models = ["{data}/arms/arm2.stl"]
+max_edge = "off"
 obstacles = ["{data}/arms/holder.stl"]
 [[mount]]
 name = "A"
@@ -93,6 +94,7 @@ def test_reasons_on_an_arm_are_those_of_rays(shared_data, tmp_path):
 SPHERE = """
 [scene]
 models = ["ball.off"]
+max_edge = "off"
 obstacles = ["plate.off"]
 [sensor.eye]
 hfov_deg = 30

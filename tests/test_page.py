@@ -558,3 +558,32 @@ def test_a_page_of_one_lonely_model_shows_no_selector(browser, tmp_path):
     assert browser.run("document.getElementById('models').hidden")
     assert browser.run("document.querySelectorAll('#details section').length") == 0
     assert browser.errors == []
+
+
+def test_pieces_of_faces_are_told_by_their_area(browser, tmp_path):
+    vertices, faces = plate()
+    vertices[vertices[:, 0] > CORNER[0] + SIZE / 2, 0] += 2 * SIZE  # one column of cells is wide
+    visible = np.asarray(example().models[0].visible)
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    owner = np.arange(len(faces)) // 3
+    cut = PageModel("cut", vertices, faces, visible, owner)
+    write_page(tmp_path / "cut.html", example(models=[cut, example().models[1]]))
+    browser.errors.clear()
+    browser.open(tmp_path / "cut.html", SIZE_OF_PAGE)
+    assert browser.run("[...glvis.model().pieceOf]") == owner.tolist()
+    found, counts = browser.run("glvis.covered()"), visible.sum(axis=0)
+    expected = [areas[counts == n].sum() for n in range(3)]
+    assert found["exactly"] == pytest.approx(expected, rel=1e-5)
+    assert found["seen"] == pytest.approx((visible * areas).sum(axis=1), rel=1e-5)
+    alone = [areas[visible[s] & (counts == 1)].sum() for s in range(2)]
+    assert found["alone"] == pytest.approx(alone, rel=1e-5)
+    share = 100 * (1 - expected[0] / areas.sum())
+    text = browser.run("document.getElementById('stats').textContent")
+    assert text.startswith(f"{share:.1f} %")
+    assert "faces" not in text
+    assert browser.errors == []
+    # of several models all are told alike
+    browser.run("glvis.setModel(1)")
+    assert browser.run("glvis.model().pieceOf") is None
+    assert "faces" not in browser.run("document.getElementById('stats').textContent")

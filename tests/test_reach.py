@@ -38,6 +38,7 @@ max_distance = {far}
 RING = """
 [scene]
 models = ["ball.off"]
+max_edge = "off"
 [[mount]]
 name = "A"
 sensor = "eye"
@@ -50,6 +51,7 @@ kind = "of1"
 BOX = """
 [scene]
 models = ["box.off"]
+max_edge = "off"
 obstacles = ["wall.off"]
 [[mount]]
 name = "A"

@@ -99,7 +99,7 @@ def test_rows_of_models_count_what_the_maps_show(study, placement, written):
 
 
 def test_what_only_one_sensor_sees_is_what_its_loss_costs(placement):
-    for s, row in enumerate(sensor_rows(placement.maps)):
+    for s, row in enumerate(sensor_rows(placement.study.models, placement.maps)):
         lost = [
             found.visible.any(axis=0).sum() - np.delete(found.visible, s, axis=0).any(axis=0).sum()
             for found in placement.maps

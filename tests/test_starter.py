@@ -106,7 +106,7 @@ def test_meshes_are_named_from_the_study(tmp_path):
         (tmp_path / "parts" / "cube.off").as_posix()
     ]
     for path in (near, far):
-        assert load_study(path).models[0].n_faces == 12
+        assert load_study(path).models[0].file.n_faces == 12
 
 
 def test_several_models_are_all_in_range(tmp_path):

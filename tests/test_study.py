@@ -25,6 +25,7 @@ up = [0, 1, 0]
 
 [scene]
 models = ["ball.off", "box.off"]         # each on its own; the objective is aggregated
+max_edge = "off"
 obstacles = ["holder.off"]               # hide, are never counted
 # scale = 1.0
 
@@ -88,6 +89,7 @@ seed = 1
 FIXED = """\
 [scene]
 models = ["ball.off"]
+max_edge = "off"
 [[mount]]
 name = "A"
 sensor = "d415"

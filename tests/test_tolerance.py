@@ -35,6 +35,7 @@ WALL = """
 up = [0, 1, 0]
 [scene]
 models = ["wall.off"]
+max_edge = "off"
 [sensor.eye]
 hfov_deg = 90
 vfov_deg = 53.13010235415598

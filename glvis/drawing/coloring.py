@@ -22,6 +22,7 @@ from glvis.drawing.palette import (
     sensor_colors,
 )
 from glvis.drawing.places import number
+from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
 from glvis.sight.visibility import VisibilityMap
@@ -117,6 +118,15 @@ class Seen:
     by_axis: bool = False
     most: int = 1
 
+    @property
+    def noun(self) -> str:
+        """What shares are shares of: "faces", or "area" where they were cut."""
+        return noun_of_shares([self.model])
+
+    def share(self, chosen: NDArray[np.bool_]) -> str:
+        """Return the share of some faces (F,), see ``noun``, in percent."""
+        return share(share_of(self.model, chosen, self.noun))
+
     def incidence(self, s: int) -> Floats:
         """Return the angle between each face's normal and the way to sensor ``s``, (F,) rad."""
         pose = self.camera_to_world[s]
@@ -193,12 +203,13 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
         f"{name}: what it sees",
         _opaque(np.where(visible[:, None], colors[s], SEEN_COLOR)),
         [
-            Swatch(colors[s], f"seen by {name}", share(visible.mean())),
-            Swatch(SEEN_COLOR, "not counted", share(1 - visible.mean())),
+            Swatch(colors[s], f"seen by {name}", seen.share(visible)),
+            Swatch(SEEN_COLOR, "not counted", seen.share(~visible)),
         ],
         note=f"Not counted: nearer than {number(sensor.min_distance)}\u00a0{seen.unit}, "
         f"farther than {number(sensor.max_distance)}\u00a0{seen.unit}, more oblique than {angle}, "
         "hidden, or outside the picture.",
+        heading=seen.noun,
     )
 
 
@@ -212,16 +223,16 @@ def back_swatch() -> Swatch:
     return Swatch(BACK_COLOR, "back of a face")
 
 
-def unseen_swatch(is_unseen: NDArray[np.bool_]) -> Swatch:
+def unseen_swatch(seen: Seen) -> Swatch:
     """Return the legend's row for faces that nobody sees."""
-    return Swatch(UNSEEN_COLOR, "no sensor", share(is_unseen.mean()), is_striped=True)
+    return Swatch(UNSEEN_COLOR, "no sensor", seen.share(seen.map.counts == 0), is_striped=True)
 
 
 def _by_sensor(seen: Seen) -> Coloring:
     _, which = seen.least(seen.incidence)
     colors = sensor_colors(len(seen.sensors))
     rows = [
-        Swatch(color, name, share(visible.mean()))
+        Swatch(color, name, seen.share(visible))
         for color, name, visible in zip(
             colors, seen.map.sensor_names, seen.map.visible, strict=True
         )
@@ -232,7 +243,7 @@ def _by_sensor(seen: Seen) -> Coloring:
     return Coloring(
         "Which sensor sees which face",
         _with_unseen(colors[which] if len(colors) else np.zeros((len(which), 3)), which < 0),
-        [*rows, unseen_swatch(which < 0)],
+        [*rows, unseen_swatch(seen)],
         note="A face seen by several sensors has the colour of the one that sees it most "
         "squarely. Shares count every face that a sensor sees, so they overlap.",
         heading="sees",
@@ -242,15 +253,20 @@ def _by_sensor(seen: Seen) -> Coloring:
 def _by_overlap(seen: Seen) -> Coloring:
     counts = seen.map.counts
     colors = overlap_colors(max(seen.most, int(counts.max(initial=0))))
-    numbers = np.bincount(counts, minlength=2)
-    last = min(len(numbers) - 1, _MAX_ROWS - 1)
-    rows = [unseen_swatch(counts == 0)]
+    most = max(int(counts.max(initial=0)), 1)
+    last = min(most, _MAX_ROWS - 1)
+    rows = [unseen_swatch(seen)]
     for n in range(1, last + 1):
-        is_rest = n == last and len(numbers) - 1 > last
-        part = numbers[n:].sum() if is_rest else numbers[n]
+        is_rest = n == last < most
+        part = counts >= n if is_rest else counts == n
         label = f"{n} sensor" + ("" if n == 1 else "s") + (" or more" if is_rest else "")
-        rows.append(Swatch(colors[n], label, share(part / len(counts))))
-    return Coloring("How many sensors see a face", _with_unseen(colors[counts], counts == 0), rows)
+        rows.append(Swatch(colors[n], label, seen.share(part)))
+    return Coloring(
+        "How many sensors see a face",
+        _with_unseen(colors[counts], counts == 0),
+        rows,
+        heading=seen.noun,
+    )
 
 
 def _by_incidence(seen: Seen) -> Coloring:
@@ -259,6 +275,7 @@ def _by_incidence(seen: Seen) -> Coloring:
     meant = "the optical axis" if seen.by_axis else "the line of sight"
     return _by_value(
         "How squarely a face is seen",
+        seen,
         np.degrees(value),
         which < 0,
         Bar(0.0, math.degrees(limit), "smallest incidence", "°"),
@@ -273,6 +290,7 @@ def _by_distance(seen: Seen) -> Coloring:
     high = max((sensor.max_distance for sensor in seen.sensors), default=1.0)
     return _by_value(
         "From how far a face is seen",
+        seen,
         value,
         which < 0,
         Bar(low, high, "smallest distance", seen.unit),
@@ -281,30 +299,32 @@ def _by_distance(seen: Seen) -> Coloring:
 
 
 def _by_value(
-    title: str, value: Floats, is_unseen: NDArray[np.bool_], bar: Bar, note: str
+    title: str, seen: Seen, value: Floats, is_unseen: NDArray[np.bool_], bar: Bar, note: str
 ) -> Coloring:
     colors = ramp_colors(np.where(is_unseen, bar.low, value), bar.low, bar.high)
-    seen = value[~is_unseen]
-    if len(seen):
-        median = number(float(f"{np.median(seen):.3g}"))
+    known = value[~is_unseen]
+    if len(known):
+        median = number(float(f"{np.median(known):.3g}"))
         gap = "" if bar.unit == "°" else "\u00a0"
         note = f"Median {median}{gap}{bar.unit}. {note}"
-    return Coloring(title, _with_unseen(colors, is_unseen), [unseen_swatch(is_unseen)], bar, note)
+    painted = _with_unseen(colors, is_unseen)
+    return Coloring(title, painted, [unseen_swatch(seen)], bar, note, seen.noun)
 
 
 def _by_unseen(seen: Seen) -> Coloring:
     is_unseen = seen.map.counts == 0
-    area = seen.model.areas
+    parts = "pieces of faces" if seen.model.pieces else "faces"
     colors = np.broadcast_to(SEEN_COLOR, (len(is_unseen), 3))
     return Coloring(
         "What no sensor sees",
         _with_unseen(colors, is_unseen),
         [
-            unseen_swatch(is_unseen),
-            Swatch(SEEN_COLOR, "seen", share(1 - is_unseen.mean())),
+            unseen_swatch(seen),
+            Swatch(SEEN_COLOR, "seen", seen.share(~is_unseen)),
         ],
-        note=f"{np.count_nonzero(is_unseen)} of {len(is_unseen)} faces, "
-        f"{share(area[is_unseen].sum() / area.sum())} of the area.",
+        note=f"{np.count_nonzero(is_unseen)} of {len(is_unseen)} {parts}, "
+        f"{share(share_of(seen.model, is_unseen, 'area'))} of the area.",
+        heading=seen.noun,
     )
 
 

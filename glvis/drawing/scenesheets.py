@@ -6,7 +6,7 @@ Each function lays one model, painted already, on one sheet.
 from __future__ import annotations
 
 from glvis.camera import rigid_inverse
-from glvis.drawing.coloring import Coloring, Swatch, back_swatch, obstacle_swatch, share
+from glvis.drawing.coloring import Coloring, Swatch, back_swatch, obstacle_swatch
 from glvis.drawing.framing import View, axis_label, towards_eye
 from glvis.drawing.places import Box, grid
 from glvis.drawing.sheet import Sheet
@@ -62,10 +62,9 @@ def neutral_rows(stage: Stage) -> list[Swatch]:
 def subtitle(stage: Stage) -> str:
     """Return what the sheet is about, in a line."""
     seen, n = stage.seen, len(stage.study.sensors)
-    faces = f"{seen.model.n_faces:,}".replace(",", " ")
-    facts = f"{share(seen.map.coverage)} of {faces} faces seen by at least one of {n} sensors"
-    if n == 1:
-        facts = f"{share(seen.map.coverage)} of {faces} faces seen by the sensor"
+    whole = "the area" if seen.model.pieces else f"{seen.model.n_faces:,} faces".replace(",", " ")
+    who = "the sensor" if n == 1 else f"at least one of {n} sensors"
+    facts = f"{seen.share(seen.map.counts > 0)} of {whole} seen by {who}"
     return " · ".join([*([stage.study.title] if stage.study.title else []), facts])
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.drawing.coloring import Bar, Coloring, Swatch, ramp_colors, seen_by_one, share
+from glvis.drawing.coloring import Bar, Coloring, Swatch, ramp_colors, seen_by_one
 from glvis.drawing.palette import rgb
 from glvis.drawing.places import Box, grid, number
 from glvis.drawing.scenesheets import SIZE, neutral_rows, subtitle
@@ -88,7 +88,7 @@ def contact_sheet(stage: Stage, size: tuple[int, int] = SIZE) -> Sheet:
         sheet.paste(view, picture.x, picture.y)
         sheet.frame(picture, tuple(stage.colors[s].tolist()), max(2, sheet.units(2.5)))
         line = picture.y - sheet.units(8)
-        value = share(seen.map.visible[s].mean())
+        value = seen.share(seen.map.visible[s])
         left = w - sheet.text_width(value, 17) - sheet.units(8)
         label = sheet.shortened(names[s], left, 19, bold=True)
         sheet.text(picture.x, line, label, size=19, bold=True, anchor="ls")

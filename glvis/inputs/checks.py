@@ -22,7 +22,7 @@ def study_warnings(study: Study) -> list[str]:
     poses = study.rig.poses(study.rig.start)
     warnings: list[str] = []
     for model in study.models:
-        warnings += [*_surface(model, poses), _distance(model, poses, study)]
+        warnings += [*_surface(model.file, poses), _distance(model, poses, study)]
     return [*filter(None, warnings), *_blind(poses, study)]
 
 

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from glvis.inputs.pieces import WORTH_CUTTING, faces_beyond, large_limit, share_of
 from glvis.inputs.scene import Model
-from glvis.inputs.sensor import Sensor
+from glvis.inputs.sensor import Sensor, working_distance
 from glvis.inputs.study import Study
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.search_options import MAPS
 from glvis.sight.context import GlInfo, rasterising_in_this_thread
 
 _MOST_SAMPLES = 12
+_POSITIONS = 6  # at which areas by both criteria are compared, the start among them
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,90 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
         )
 
 
+@dataclass(frozen=True)
+class LargeFaces:
+    """Faces of a model that are large beside what a sensor sees, and what that does to areas.
+
+    Attributes
+    ----------
+    model : Model
+        Cut or not.
+    limit : float
+        Length beyond which an edge is large, the study's unit.
+    n_faces : int
+        Large faces, or large pieces where it was cut.
+    area_share : float
+        Share of the model's area that they hold.
+    by_pixels, by_centroid : float
+        Share of the area seen by either criterion, the mean over some positions.
+    difference : float
+        Of the two, at each position without its sign, the mean.
+    """
+
+    model: Model
+    limit: float
+    n_faces: int
+    area_share: float
+    by_pixels: float
+    by_centroid: float
+    difference: float
+
+
+def large_faces(study: Study) -> list[LargeFaces]:
+    """Return what large faces do to each model where they hold area that is worth cutting.
+
+    Raises
+    ------
+    MachineError
+        Where there is no OpenGL.
+    """
+    limits = {model: large_limit(model, study.sensors) for model in study.models}
+    beyond = {model: faces_beyond(model, limit) for model, limit in limits.items()}
+    shares = {model: share_of(model, chosen, "area") for model, chosen in beyond.items()}
+    models = [model for model, share in shares.items() if share > WORTH_CUTTING]
+    if not models:
+        return []
+    by_pixels, by_centroid = (
+        _areas_seen(study, criterion, models) for criterion in ("pixels", "centroid")
+    )
+    return [
+        LargeFaces(
+            model,
+            limits[model],
+            int(np.count_nonzero(beyond[model])),
+            shares[model],
+            float(a.mean()),
+            float(b.mean()),
+            float(abs(a - b).mean()),
+        )
+        for model, a, b in zip(models, by_pixels.T, by_centroid.T, strict=True)
+    ]
+
+
+def _areas_seen(study: Study, criterion: str, models: list[Model]) -> NDArray[np.float64]:
+    """Return the share of the area of some models (M,) that is seen at some positions, (P, M)."""
+    options = replace(study.visibility, criterion=criterion, semantics="", min_pixels=1)
+    rig, rng = study.rig, np.random.default_rng(study.swarm.seed)
+    count = _POSITIONS if study.variables else 1
+    low, high = rig.bounds.T
+    positions = rng.uniform(low, high, (count, len(low)))
+    positions[0] = rig.start
+    with rasterising_in_this_thread():
+        evaluator = Evaluator(
+            replace(study, models=tuple(models), visibility=options), cache_bytes=0
+        )
+    with evaluator:
+        return np.array(
+            [
+                [
+                    share_of(model, seen.counts > 0, "area")
+                    for model, seen in zip(models, maps, strict=True)
+                ]
+                for maps in evaluator.each_visibility(positions)
+            ]
+        )
+
+
 def run_maps(study: Study) -> int:
     """Return how many maps a run may render."""
     if not study.variables:
@@ -100,11 +187,6 @@ def run_maps(study: Study) -> int:
         planned = swarm.particles * (swarm.iterations + 1) * maps
         return planned if most is None else min(most, planned)
     return MAPS * maps if most is None else most
-
-
-def working_distance(sensor: Sensor) -> float:
-    """Return the middle of a sensor's working range, the study's unit."""
-    return (sensor.min_distance + sensor.max_distance) / 2
 
 
 def share_below_a_pixel(sensor: Sensor, model: Model, resolution: tuple[int, int]) -> float:

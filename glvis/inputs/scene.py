@@ -1,7 +1,8 @@
 """Triangle meshes as they come from files: what there is to see, and what hides it.
 
 A model keeps the faces of its file, all of them and in their order, because visibility maps
-are indexed by them. The only module that talks to trimesh.
+are indexed by them; large ones may be cut into pieces later, see ``pieces.py``. The only module
+that talks to trimesh.
 """
 
 from __future__ import annotations
@@ -29,6 +30,25 @@ _MIX = tuple(
 
 
 @dataclass(frozen=True, eq=False)
+class Pieces:
+    """Where the faces of a model come from that was cut.
+
+    Attributes
+    ----------
+    file : Model
+        As its file has it, F_file faces.
+    file_face : (F,) int32
+        Which of them each face of the cut model is a piece of; never falls.
+    max_edge : float
+        Longest edge that was allowed, scene unit.
+    """
+
+    file: Model
+    file_face: NDArray[np.int32] = field(repr=False)
+    max_edge: float
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
     """A triangle mesh in the world frame, lengths in the study's unit.
 
@@ -42,12 +62,15 @@ class Model:
         Bitwise identical vertices of the file are one here; none is unused.
     faces : (F, 3) int32
         Indices into ``vertices``, in the order of the file. Faces without area are kept.
+    pieces : Pieces or None
+        Where the faces come from, if they are not those of the file.
     """
 
     name: str
     vertices: NDArray[np.float64] = field(repr=False)
     faces: NDArray[np.int32] = field(repr=False)
     path: Path | None = None
+    pieces: Pieces | None = field(default=None, repr=False)
 
     @classmethod
     def from_arrays(
@@ -108,8 +131,13 @@ class Model:
 
     @property
     def n_faces(self) -> int:
-        """Number of faces of the file, those without area included."""
+        """Number of faces, those without area included; of pieces where faces were cut."""
         return len(self.faces)
+
+    @property
+    def file(self) -> Model:
+        """The model as its file has it: this one, unless its faces were cut."""
+        return self if self.pieces is None else self.pieces.file
 
     @cached_property
     def _doubled(self) -> NDArray[np.float64]:
@@ -145,14 +173,26 @@ class Model:
         """Lower and upper corner of the axis-aligned box, (2, 3) float64."""
         return _read_only(np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]))
 
-    @cached_property
+    @property
     def mean_edge(self) -> float:
         """Mean length of the sides of the faces, scene unit."""
-        total = 0.0
+        return self._edge_lengths[0]
+
+    @property
+    def longest_edge(self) -> float:
+        """Length of the longest side of any face, scene unit."""
+        return self._edge_lengths[1]
+
+    @cached_property
+    def _edge_lengths(self) -> tuple[float, float]:
+        """Mean and largest length of the sides of the faces."""
+        total = longest = 0.0
         for i in range(3):
             side = self.vertices[self.faces[:, i]] - self.vertices[self.faces[:, i - 1]]
-            total += float(np.linalg.norm(side, axis=1).sum())
-        return total / (3 * self.n_faces)
+            length = np.linalg.norm(side, axis=1)
+            total += float(length.sum())
+            longest = max(longest, float(length.max()))
+        return total / (3 * self.n_faces), longest
 
     @cached_property
     def _edges(self) -> tuple[int, int, int]:

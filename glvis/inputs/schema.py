@@ -31,6 +31,7 @@ from glvis.sight.visibility import VisibilityOptions
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4, "ft": 304.8}
 _RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
+_EDGES = "be 'auto', 'off' or a length greater than 0"
 _LARGEST_IMAGE = 16384  # pixels a side; what any OpenGL 3.3 driver of today renders
 
 
@@ -86,6 +87,12 @@ def _kind_of_resolution(value: Any) -> str | None:
     if isinstance(value, str):
         return "<word>"
     return "<size>" if isinstance(value, list) else None
+
+
+def _kind_of_edge(value: Any) -> str | None:
+    if isinstance(value, str):
+        return "<word>"
+    return "<length>" if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 class FreeTable(Table):
@@ -145,6 +152,15 @@ class SceneTable(Table):
     models: Annotated[Names, _within("name at least one mesh", bool)]
     obstacles: Names = []
     scale: Positive = 1.0
+    max_edge: Annotated[
+        Annotated[str, _within(_EDGES, lambda v: v in ("auto", "off")), Tag("<word>")]
+        | Annotated[float, _within(_EDGES, lambda v: v > 0), Tag("<length>")],
+        Discriminator(
+            _kind_of_edge,
+            custom_error_type="edge",
+            custom_error_message=f"must {_EDGES}",
+        ),
+    ] = "auto"
 
 
 class SensorTable(Table):

@@ -56,6 +56,11 @@ class Sensor:
         return width / 2 / float(tan_x), height / 2 / float(tan_y)
 
 
+def working_distance(sensor: Sensor) -> float:
+    """Return the middle of a sensor's working range, the study's unit."""
+    return (sensor.min_distance + sensor.max_distance) / 2
+
+
 # Sensors that a study may name without describing them; ranges in millimetres.
 CATALOGUE = {
     sensor.name: sensor

@@ -42,6 +42,7 @@ up = {up}                 # what an image without roll shows upright
 [scene]
 models = [{models}]
 # {across} {unit} in all; several models are looked at one by one.
+# max_edge = "off"             # large faces are cut into pieces ("auto"), or at a length of yours
 # obstacles = ["table.stl"]    # hide what lies behind them, are never counted
 
 {sensor}
@@ -70,6 +71,7 @@ up = [0, 0, 1]
 
 [scene]
 models = ["{model}"]        # 3000 x 3000 x 2600 mm, a corner at the origin
+# max_edge = "off"             # large faces are cut into pieces ("auto"), or at a length of yours
 # obstacles = ["pillar.stl"]   # hide what lies behind them, are never counted
 
 # The mounts below name "kinect-v2", which glvis knows: 70.6 x 60 deg, 500 to 4500 mm. Your own

@@ -22,6 +22,7 @@ from glvis.inputs.complaints import first_error
 from glvis.inputs.expressions import nearest
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
+from glvis.inputs.pieces import cut_models
 from glvis.inputs.scene import Model, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
@@ -48,7 +49,8 @@ class Study:
     up : (3,) float64
         World direction that an unrolled image shows upright, unit length.
     models : tuple of Model
-        What is to be seen, each on its own.
+        What is to be seen, each on its own; large faces are cut into pieces by
+        ``[scene] max_edge``, see ``pieces.py``.
     obstacles : tuple of Model
         What hides and is never counted.
     sensors : tuple of Sensor
@@ -140,6 +142,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
             _check_names(model_paths, obstacle_paths)
         models = tuple(_model(file, table.scene.scale) for file in model_paths)
         obstacles = tuple(_model(file, table.scene.scale) for file in obstacle_paths)
+        looking = [sensors[kind] for kind in dict.fromkeys(rig.sensor_kinds)]
+        with _located("[scene] "):
+            models = cut_models(models, table.scene.max_edge, looking, visibility)
     changes["scene", "models"] = [str(file) for file in model_paths]
     if obstacle_paths:
         changes["scene", "obstacles"] = [str(file) for file in obstacle_paths]

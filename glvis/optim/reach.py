@@ -39,9 +39,9 @@ class Reach:
     Attributes
     ----------
     sensors : tuple of (F,) int
-        One a model, in the face order of the file: how many sensors have an allowed pose that
-        sees the face. 0 is out of reach. Where mounts share variables, not all of these
-        sensors can see it at the same time.
+        One a model, by its faces, or their pieces where they were cut: how many sensors have an
+        allowed pose that sees them. 0 is out of reach. Where mounts share variables, not all of
+        these sensors can see it at the same time.
     positions : int
         Random positions of the variables that were tried.
     maps_rendered : int

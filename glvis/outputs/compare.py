@@ -17,8 +17,9 @@ from glvis.drawing.palette import OKABE_ITO, SEEN_COLOR, UNSEEN_COLOR, rgb
 from glvis.drawing.scenesheets import close_sheet, perspective_sheet
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
+from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.scene import Model
-from glvis.optim.placement import Placement
+from glvis.optim.placement import Placement, evaluate_poses
 from glvis.outputs.tables import mean_row, model_rows
 from glvis.terminal import duration, table
 
@@ -51,6 +52,39 @@ def named(directories: Sequence[Path], placements: Sequence[Placement]) -> list[
         again = f" ({times[name]})" if times[name] > 1 else ""
         layouts.append(Layout(name + again, placement))
     return layouts
+
+
+def cut_alike(layouts: Sequence[Layout]) -> list[Layout]:
+    """Return layouts with the same pieces where only the cuts of shared meshes differ.
+
+    Sensors that see less at a time cut more finely: the finest cut is taken, and the poses of the
+    other layouts are looked at once more.
+
+    Raises
+    ------
+    MachineError
+        Where that needs OpenGL and there is none.
+    """
+    by_name: list[dict[str, Model]] = [
+        {model.name: model for model in layout.placement.study.models} for layout in layouts
+    ]
+    finest = {}
+    for name, model in by_name[0].items():
+        cuts = [models[name] for models in by_name if name in models]
+        if len(cuts) == len(layouts) and all(_same(model.file, other.file) for other in cuts):
+            finest[name] = max(cuts, key=lambda one: one.n_faces)
+    return [replace(one, placement=_as_cut(one.placement, finest)) for one in layouts]
+
+
+def _as_cut(placement: Placement, finest: dict[str, Model]) -> Placement:
+    """Return a placement with other pieces of some models, its poses looked at again if need be."""
+    study = placement.study
+    models = tuple(finest.get(model.name, model) for model in study.models)
+    if all(_same(one, other) for one, other in zip(models, study.models, strict=True)):
+        return placement
+    study = replace(study, models=models)
+    again = evaluate_poses(study, placement.camera_to_world)
+    return replace(placement, study=study, maps=again.maps, value=again.value)
 
 
 def shared_models(layouts: Sequence[Layout]) -> list[str]:
@@ -107,18 +141,26 @@ def comparison_rows(layouts: Sequence[Layout]) -> list[list[str]]:
 
 def comparison_lines(layouts: Sequence[Layout]) -> Iterator[str]:
     """Yield the table, and against the first layout: gains, losses, how far sensors moved."""
-    yield from table(["", *(layout.name for layout in layouts)], comparison_rows(layouts))
+    given, layouts = layouts, cut_alike(layouts)
     first, *others = layouts
+    yield from table(["", *(layout.name for layout in layouts)], comparison_rows(layouts))
+    for one, before in zip(layouts, given, strict=True):
+        if one.placement is not before.placement:
+            yield (
+                f"{one.name} is told by the finer pieces of others; by its own its objective was "
+                f"{before.placement.value:.4f}"
+            )
     models = shared_models(layouts)
     for other in others:
         if models:
             yield ""
-            yield f"{other.name} against {first.name}, % of the faces"
+            yield f"{other.name} against {first.name}, % of the {_noun(first, models)}"
             yield from table(
                 ("model", "both see", f"only {first.name}", f"only {other.name}", "neither"),
                 [
-                    (name, *(f"{value:.2f}" for value in _percentages(first, other, name)))
+                    (name, *(f"{value:.2f}" for value in percentages))
                     for name in models
+                    for percentages in [_percentages(first, other, name, _noun(first, models))]
                 ],
             )
         moved = sensor_moves(first.placement, other.placement)
@@ -154,7 +196,7 @@ def write_comparison(layouts: Sequence[Layout], directory: Path) -> list[Path]:
     MachineError
         Where there is no OpenGL.
     """
-    paths = []
+    paths, layouts = [], cut_alike(layouts)
     for name in shared_models(layouts):
         paths.append(directory / f"{name}-side-by-side.png")
         _side_by_side(layouts, name).save(paths[-1])
@@ -172,14 +214,19 @@ def difference_coloring(first: Layout, second: Layout, model_name: str) -> Color
     colors = np.full((len(found), 4), 255, dtype=np.uint8)
     colors[:, :3] = tints[found]
     colors[found == NEITHER, 3] = STRIPED
+    model = _model(first, model_name)
+    noun = noun_of_shares([model])
     labels = ("both", f"only {first.name}", f"only {second.name}", "neither")
     return Coloring(
         f"{first.name} and {second.name}: who sees what",
         colors,
         [
-            Swatch(tints[k], label, share(float((found == k).mean())), is_striped=k == NEITHER)
+            Swatch(
+                tints[k], label, share(share_of(model, found == k, noun)), is_striped=k == NEITHER
+            )
             for k, label in enumerate(labels)
         ],
+        heading=noun,
     )
 
 
@@ -210,10 +257,22 @@ def _difference_sheet(first: Layout, second: Layout, model_name: str) -> Sheet:
         return close_sheet(stage, painted)
 
 
-def _percentages(first: Layout, second: Layout, model_name: str) -> list[float]:
+def _percentages(first: Layout, second: Layout, model_name: str, noun: str) -> list[float]:
     found = difference(first.placement, second.placement, model_name)
-    return [100 * float(np.mean(found == k)) for k in (BOTH, FIRST, SECOND, NEITHER)]
+    model = _model(first, model_name)
+    return [100 * share_of(model, found == k, noun) for k in (BOTH, FIRST, SECOND, NEITHER)]
+
+
+def _model(layout: Layout, name: str) -> Model:
+    return next(model for model in layout.placement.study.models if model.name == name)
+
+
+def _noun(layout: Layout, names: Sequence[str]) -> str:
+    """Return of what the shares of some models are: faces or area."""
+    return noun_of_shares([_model(layout, name) for name in names])
 
 
 def _same(a: Model, b: Model) -> bool:
+    if a is b:
+        return True
     return np.array_equal(a.faces, b.faces) and np.array_equal(a.vertices, b.vertices)

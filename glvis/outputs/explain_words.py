@@ -17,12 +17,12 @@ from glvis.outputs.explain import (
     values_without,
 )
 from glvis.outputs.mounting import DECIMALS
-from glvis.outputs.tables import sensor_rows
+from glvis.outputs.tables import sensor_table
 from glvis.terminal import table
 
 _MOST_REGIONS = 4  # told about a model
 _WORTH_TELLING = 0.001  # of a model's area
-_HARDLY_NEEDED = 0.5  # percent of the faces that only one sensor sees
+_HARDLY_NEEDED = 0.5  # percent of faces, or of area where they were cut, that only one sensor sees
 
 
 def explain_lines(placement: Placement) -> Iterator[str]:
@@ -102,24 +102,25 @@ def _region_lines(placement: Placement, reasons: list[Integers]) -> Iterator[str
     if not rows:
         yield "  none of a thousandth of a model or more"
         return
-    yield from table(("model", "area", "faces", f"around [{study.unit}]", "facing", "mostly"), rows)
+    parts = "pieces" if any(model.pieces for model in study.models) else "faces"
+    yield from table(("model", "area", parts, f"around [{study.unit}]", "facing", "mostly"), rows)
 
 
 def _sensor_lines(placement: Placement) -> Iterator[str]:
     kind = placement.study.objective.kind.upper()
-    sensors = sensor_rows(placement.maps)
+    noun, sensors = sensor_table(placement.study.models, placement.maps)
     without = values_without(placement)
-    yield "Sensors: what each sees alone and what is lost without it (faces, mean over models)"
+    yield f"Sensors: what each sees alone and what is lost without it ({noun}, mean over models)"
     yield from table(
         ("sensor", "alone %", "lost without it %", f"{kind} without it", "change"),
         [
-            (row.name, f"{row.seen_percentage:.1f}", f"{row.only_it_percentage:.1f}",
-             f"{value:.4f}", f"{value - placement.value:+.4f}")
-            for row, value in zip(sensors, without, strict=True)
+            (name, f"{seen:.1f}", f"{only_it:.1f}", f"{value:.4f}",
+             f"{value - placement.value:+.4f}")
+            for (name, seen, only_it), value in zip(sensors, without, strict=True)
         ],
     )  # fmt: skip
     if len(sensors) > 1:
-        spare = [row.name for row in sensors if row.only_it_percentage < _HARDLY_NEEDED]
+        spare = [name for name, _, only_it in sensors if only_it < _HARDLY_NEEDED]
         if spare:
             yield (
                 f"  Hardly needed for coverage (each alone; only it sees less than "

@@ -42,6 +42,13 @@ scene.glb              glTF, metres and +Y up: models coloured by sensor, camera
 *.ply                  each surface with a colour a face: that of the sensor that sees it most
                        squarely
 """
+_README_PIECES = """\
+                       of a model whose large faces were cut it shows the file's own faces, each
+                       in the colour of most of it, with seen_share, the share of its area that
+                       any sensor sees
+pieces/*.ply           the pieces of such a model; piece_of is the number of the file's face
+"""
+PIECES = "pieces"  # folder of the surfaces of models whose faces were cut
 
 
 def write_poses(placement: Placement, path: Path) -> None:
@@ -80,11 +87,13 @@ def write_exports(placement: Placement, directory: Path, *, meshes: bool = True)
     study = placement.study
     up = ", ".join(f"{value:g}" for value in study.up)
     text = _README.format(unit=study.unit, up=up) + (_README_MESHES if meshes else "")
+    if meshes and any(model.pieces for model in study.models):
+        text += _README_PIECES
     (directory / "README.txt").write_text(text, encoding="utf-8")
     _write_colmap(placement, directory / "colmap")
     _write_ros(placement, directory / "ros")
     (directory / "blender_scene.py").write_text(
-        _blender_script(placement, surface_names(study) if meshes else []), encoding="utf-8"
+        _blender_script(placement, _surface_files(study) if meshes else []), encoding="utf-8"
     )
 
 
@@ -253,6 +262,15 @@ def _blender_script(placement: Placement, surfaces: list[str]) -> str:
         surfaces=surfaces,
         sensors="".join(f"    {sensor!r},\n" for sensor in sensors).rstrip(),
     )
+
+
+def _surface_files(study: Study) -> list[str]:
+    """Return the files that show the surfaces of a study best, without their ending."""
+    are_cut = [bool(model.pieces) for model in study.models] + [False] * len(study.obstacles)
+    return [
+        f"{PIECES}/{name}" if is_cut else name
+        for name, is_cut in zip(surface_names(study), are_cut, strict=True)
+    ]
 
 
 def surface_names(study: Study) -> list[str]:

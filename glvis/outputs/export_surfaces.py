@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,16 @@ from numpy.typing import NDArray
 
 from glvis.drawing.coloring import Seen, coloring
 from glvis.drawing.palette import OBSTACLE_COLOR, sensor_colors
+from glvis.inputs.pieces import fold, folded
 from glvis.inputs.scene import Model
 from glvis.inputs.schema import MM_PER_UNIT
 from glvis.inputs.sensor import Sensor
 from glvis.optim.placement import Placement
-from glvis.outputs.export_poses import surface_names
+from glvis.outputs.export_poses import PIECES, surface_names
 from glvis.outputs.rotations import quaternion, rotation_between
 
 Colors = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 _ARRAY, _INDICES = 34962, 34963  # OpenGL's names of buffers
@@ -44,20 +47,51 @@ def face_colors(placement: Placement, m: int) -> Colors:
 
 
 def write_surfaces(placement: Placement, directory: Path) -> None:
-    """Write a coloured PLY for each model and obstacle, and ``scene.glb``."""
+    """Write a coloured PLY for each model and obstacle, and ``scene.glb``.
+
+    Of a model whose faces were cut, one of the file's own faces and, in a folder of its own, one
+    of the pieces, which is also what the scene shows.
+    """
     study = placement.study
-    colors = [face_colors(placement, m) for m in range(len(study.models))]
-    counts = [found.counts for found in placement.maps]
-    for obstacle in study.obstacles:
+    names, n_models = surface_names(study), len(study.models)
+    colors = [face_colors(placement, m) for m in range(n_models)]
+    for m, (model, found) in enumerate(zip(study.models, placement.maps, strict=True)):
+        file, counts = f"{names[m]}.ply", found.counts
+        if model.pieces is None:
+            write_ply(directory / file, model, colors[m], {"seen_by": counts})
+            continue
+        (directory / PIECES).mkdir(exist_ok=True)
+        of_pieces: dict[str, NDArray[Any]] = {"seen_by": counts, "piece_of": model.pieces.file_face}
+        write_ply(directory / PIECES / file, model, colors[m], of_pieces)
+        share, is_seen = fold(counts > 0, model)
+        of_faces: dict[str, NDArray[Any]] = {
+            "seen_by": folded(found, model).counts,
+            "seen_share": share,
+        }
+        most = _of_most_area(model, colors[m], counts > 0, is_seen)
+        write_ply(directory / file, model.file, most, of_faces)
+    for name, obstacle in zip(names[n_models:], study.obstacles, strict=True):
         colors.append(np.tile(OBSTACLE_COLOR, (obstacle.n_faces, 1)))
-        counts.append(np.zeros(obstacle.n_faces, dtype=np.int64))
-    meshes = [*study.models, *study.obstacles]
-    for name, mesh, color, count in zip(surface_names(study), meshes, colors, counts, strict=True):
-        write_ply(directory / f"{name}.ply", mesh, color, count)
+        unseen = np.zeros(obstacle.n_faces, dtype=np.int64)
+        write_ply(directory / f"{name}.ply", obstacle, colors[-1], {"seen_by": unseen})
     write_glb(directory / "scene.glb", placement, colors)
 
 
-def write_ply(path: Path, mesh: Model, colors: Colors, seen_by: NDArray[np.integer]) -> None:
+def _of_most_area(model: Model, colors: Colors, seen: Bools, is_seen: Bools) -> Colors:
+    """Return colours (F_file, 3) of the file's faces from those of their pieces.
+
+    That of the most area of what is seen; of those that are not, that of what is not.
+    """
+    assert model.pieces
+    unique, which = np.unique(colors, axis=0, return_inverse=True)
+    owner, n = model.pieces.file_face.astype(np.int64), len(unique)
+    counted = np.where(seen == is_seen[owner], model.areas, 0.0)
+    shape = model.file.n_faces, n
+    area = np.bincount(owner * n + which.reshape(-1), counted, minlength=shape[0] * n)
+    return np.asarray(unique[area.reshape(shape).argmax(axis=1)])
+
+
+def write_ply(path: Path, mesh: Model, colors: Colors, told: Mapping[str, NDArray[Any]]) -> None:
     """Write a mesh as binary PLY with a colour a face.
 
     Each face has three vertices of its own that carry its colour, as most viewers read colours
@@ -71,17 +105,24 @@ def write_ply(path: Path, mesh: Model, colors: Colors, seen_by: NDArray[np.integ
         F faces, kept in their order.
     colors : (F, 3) uint8
         sRGB.
-    seen_by : (F,) int
-        Number of sensors that see each face.
+    told : dict of str to (F,) int or float
+        Properties of each face: "seen_by", the number of sensors that see it; "seen_share", the
+        share of its area that any sees; "piece_of", the face of the file that it is a piece of.
     """
     n = mesh.n_faces
     vertices = np.zeros((n, 3), dtype=[("place", "<f4", 3), ("color", "u1", 3)])
     vertices["place"] = mesh.vertices[mesh.faces]
     vertices["color"] = colors[:, None]
-    faces = np.zeros(n, [("n", "u1"), ("vertices", "<i4", 3), ("color", "u1", 3), ("seen", "<i4")])
+    kinds = {name: "int" if array.dtype.kind in "iu" else "float" for name, array in told.items()}
+    columns: list[Any] = [("n", "u1"), ("vertices", "<i4", 3), ("color", "u1", 3)]
+    columns += [(name, "<i4" if kind == "int" else "<f4") for name, kind in kinds.items()]
+    faces = np.zeros(n, columns)
     faces["n"] = 3
     faces["vertices"] = np.arange(3 * n).reshape(n, 3)
-    faces["color"], faces["seen"] = colors, seen_by
+    faces["color"] = colors
+    for name, array in told.items():
+        faces[name] = array
+    properties = "".join(f"property {kind} {name}\n" for name, kind in kinds.items())
     channels = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
     header = (
         f"ply\nformat binary_little_endian 1.0\ncomment glvis: {mesh.name}\n"
@@ -89,7 +130,7 @@ def write_ply(path: Path, mesh: Model, colors: Colors, seen_by: NDArray[np.integ
         "property float x\nproperty float y\nproperty float z\n"
         f"{channels}"
         f"element face {n}\nproperty list uchar int vertex_indices\n{channels}"
-        "property int seen_by\nend_header\n"
+        f"{properties}end_header\n"
     )
     path.write_bytes(header.encode("ascii", "replace") + vertices.tobytes() + faces.tobytes())
 

@@ -13,11 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.errors import StudyError
+from glvis.inputs.scene import Model
 from glvis.inputs.study import Study, load_study
 from glvis.optim.placement import Placement, TraceRow
 from glvis.optim.reach import Reach
 from glvis.outputs.folder import INDEX, STUDY, read_index
-from glvis.outputs.result import MAPS, REACH, SCHEMA, SENSOR_NAMES, TRACE, sha256
+from glvis.outputs.result import (
+    MAPS,
+    PIECE_OF,
+    PIECES,
+    REACH,
+    SCHEMA,
+    SENSOR_NAMES,
+    TRACE,
+    sha256,
+)
 from glvis.sight.context import GlInfo
 from glvis.sight.visibility import VisibilityMap
 
@@ -45,6 +55,9 @@ def read_result(directory: str | Path) -> Placement:
         )
     study = load_study(directory / STUDY)
     try:
+        if any(m.pieces for m in study.models) and not any("pieces" in m for m in index["models"]):
+            # made before faces were cut: read as it was made
+            study = load_study(directory / STUDY, ["scene.max_edge=off"])
         _check_meshes(index, study)
         return Placement(
             study=study,
@@ -113,6 +126,13 @@ def _check_meshes(index: Mapping[str, Any], study: Study) -> None:
     for entry, mesh in zip(entries, meshes, strict=True):
         if mesh.path and entry.get("sha256") != sha256(mesh.path):
             raise StudyError(f"{mesh.path}: has changed since the result was made")
+    for entry, model in zip(index["models"], study.models, strict=True):
+        if entry.get("pieces", model.file.n_faces) != model.n_faces:
+            raise StudyError(
+                f"{study.path}: {model.name} was cut into {entry.get('pieces', 'no')} pieces by "
+                f"the glvis that made the result, and into {model.n_faces} by this one; "
+                "evaluate its poses anew: glvis evaluate --poses"
+            )
 
 
 def _poses(index: Mapping[str, Any], sensor_names: Sequence[str]) -> NDArray[np.float64]:
@@ -137,7 +157,10 @@ def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:
     """Return the maps of a result, checked against the study."""
     with np.load(path, allow_pickle=False) as arrays:
         names = tuple(str(name) for name in arrays[SENSOR_NAMES])
-        maps = tuple(VisibilityMap(m.name, names, arrays[m.name]) for m in study.models)
+        maps = tuple(VisibilityMap(m.name, names, arrays[_key(m)]) for m in study.models)
+        for model in study.models:
+            if model.pieces and (arrays[model.name + PIECE_OF] != model.pieces.file_face).any():
+                raise StudyError(f"{path}: its pieces are not those of the study")
     for found, model in zip(maps, study.models, strict=True):
         expected = (len(study.sensor_names), model.n_faces)
         if names != study.sensor_names or found.visible.shape != expected:
@@ -150,11 +173,16 @@ def _read_reach(path: Path, told: Mapping[str, Any] | None, study: Study) -> Rea
     if told is None:
         return None
     with np.load(path, allow_pickle=False) as arrays:
-        sensors = tuple(arrays[model.name] for model in study.models)
+        sensors = tuple(arrays[_key(model)] for model in study.models)
     for by, model in zip(sensors, study.models, strict=True):
         if by.shape != (model.n_faces,):
             raise StudyError(f"{path}: its faces are not those of the study")
     return Reach(sensors, told["positions"], told["maps_rendered"], told["growth"])
+
+
+def _key(model: Model) -> str:
+    """Return under which name an archive holds what was found for a model's own faces."""
+    return model.name + PIECES if model.pieces else model.name
 
 
 def read_trace(path: Path) -> tuple[TraceRow, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from glvis.optim.placement import Placement
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.result import versions
-from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.outputs.tables import mean_row, model_rows, sensor_table
 from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.viewer.page import PageData, PageModel, PageObstacle, PageSensor, PageTable, PageTrace
 
@@ -26,7 +26,13 @@ def page_data(placement: Placement) -> PageData:
         unit=study.unit,
         up=study.up,
         models=[
-            PageModel(model.name, model.vertices, model.faces, found.visible)
+            PageModel(
+                model.name,
+                model.vertices,
+                model.faces,
+                found.visible,
+                model.pieces.file_face if model.pieces else None,
+            )
             for model, found in zip(study.models, placement.maps, strict=True)
         ],
         sensors=[
@@ -78,14 +84,12 @@ def _reach(placement: Placement) -> list[PageTable]:
 
 
 def _sensors(placement: Placement) -> PageTable:
+    noun, rows = sensor_table(placement.study.models, placement.maps)
     return PageTable(
         "Sensors",
         ["sensor", "sees %", "only it sees %"],
-        [
-            [row.name, row.seen_percentage, row.only_it_percentage]
-            for row in sensor_rows(placement.maps)
-        ],
-        "Of the faces, the mean over models. What only it sees would be lost without it.",
+        rows,
+        f"Of the {noun}, the mean over models. What only it sees would be lost without it.",
     )
 
 

@@ -22,18 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.camera import angles_from_direction, position_direction_roll
+from glvis.inputs.pieces import fold_counts, folded, seen_share
 from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement, TraceRow
 from glvis.outputs.folder import INDEX, STUDY, files_below, write_index
 from glvis.outputs.tables import mean_row, mean_terms, model_rows, sensor_rows
 from glvis.outputs.within_reach import reach_rows
-from glvis.sight.visibility import render_resolution
+from glvis.sight.visibility import VisibilityMap, render_resolution
 
 SCHEMA = 1
 COVERAGE, SENSORS, TRACE, MAPS = "coverage.csv", "sensors.csv", "trace.csv", "visibility.npz"
 REACH = "reach.npz"
 
 SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
+# After a model's name, where its faces were cut: the share of each face of the file that is seen,
+# what was found for the pieces, and which of the file's faces each of them is a piece of.
+SEEN_SHARE, PIECES, PIECE_OF = ":seen_share", ":pieces", ":piece_of"
 _PACKAGES = ("moderngl", "glcontext", "numpy", "trimesh", "pyswarms", "scipy", "pillow")
 
 
@@ -74,21 +78,34 @@ def write_data(placement: Placement, directory: Path) -> None:
             ]
         ],
     )
+    sensors = sensor_rows(study.models, placement.maps)
+    kinds = [sensor.name for sensor in study.sensors]
+    numbers = _sensor_columns(study.models)
     write_csv(
         directory / SENSORS,
-        ["sensor", "kind", "seen", "seen_percentage", "only_it", "only_it_percentage"],
+        ["sensor", "kind", *numbers],
         [
-            [row.name, sensor.name, row.seen, row.seen_percentage, row.only_it,
-             row.only_it_percentage]
-            for row, sensor in zip(sensor_rows(placement.maps), study.sensors, strict=True)
+            [row.name, kind, *(getattr(row, name) for name in numbers)]
+            for row, kind in zip(sensors, kinds, strict=True)
         ],
-    )  # fmt: skip
+    )
     write_csv(directory / TRACE, TraceRow._fields, placement.trace)
-    arrays = {found.model_name: found.visible for found in placement.maps}
+    arrays: dict[str, NDArray[Any]] = {}
+    for model, found in zip(study.models, placement.maps, strict=True):
+        arrays[model.name] = folded(found, model).visible
+        if model.pieces:
+            share = seen_share(found.visible, model)
+            arrays[model.name + SEEN_SHARE] = share.astype(np.float32)
+            arrays[model.name + PIECES] = found.visible
+            arrays[model.name + PIECE_OF] = model.pieces.file_face
     write_npz(directory / MAPS, arrays | {SENSOR_NAMES: np.array(study.sensor_names)})
     if placement.reach:
-        names = (model.name for model in study.models)
-        write_npz(directory / REACH, dict(zip(names, placement.reach.sensors, strict=True)))
+        arrays = {}
+        for model, by in zip(study.models, placement.reach.sensors, strict=True):
+            arrays[model.name] = fold_counts(by, model) if model.pieces else by
+            if model.pieces:
+                arrays[model.name + PIECES] = by
+        write_npz(directory / REACH, arrays)
 
 
 def write_summary(placement: Placement, directory: Path, warnings: Sequence[str] = ()) -> None:
@@ -117,6 +134,13 @@ def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
             data = io.BytesIO()
             np.lib.format.write_array(data, np.asanyarray(array), allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data.getvalue(), zipfile.ZIP_DEFLATED)
+
+
+def _sensor_columns(models: Sequence[Model]) -> list[str]:
+    """Return what is told of each sensor, by the names of ``SensorRow``."""
+    columns = ["seen", "seen_percentage", "only_it", "only_it_percentage"]
+    are_cut = any(model.pieces for model in models)
+    return [*columns, *(["area_percentage", "only_it_area_percentage"] if are_cut else [])]
 
 
 def sensor_poses(placement: Placement) -> list[dict[str, Any]]:
@@ -206,21 +230,16 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
                     for sensor in study.sensors
                     for resolution in [render_resolution(study.visibility, sensor)]
                 },
+                **_pieces_of(model, found),
                 **_file_of(model),
             }
-            for row, model in zip(rows, study.models, strict=True)
+            for row, model, found in zip(rows, study.models, placement.maps, strict=True)
         ],
         "mean": mean_row(rows),
         "obstacles": [{"name": model.name, **_file_of(model)} for model in study.obstacles],
         "sensors": [
-            {
-                "name": row.name,
-                "seen": row.seen,
-                "seen_percentage": row.seen_percentage,
-                "only_it": row.only_it,
-                "only_it_percentage": row.only_it_percentage,
-            }
-            for row in sensor_rows(placement.maps)
+            {name: getattr(row, name) for name in ("name", *_sensor_columns(study.models))}
+            for row in sensor_rows(study.models, placement.maps)
         ],
         "search": {
             "stop_reason": placement.stop_reason,
@@ -276,6 +295,22 @@ def _without_value(terms: Mapping[str, float]) -> dict[str, float]:
 def _degrees(angle: float) -> float:
     """Return an angle in degrees, never -0."""
     return math.degrees(angle) + 0.0
+
+
+def _pieces_of(model: Model, found: VisibilityMap) -> dict[str, Any]:
+    """Return how a model was cut, and what share of its area at least n sensors see."""
+    if model.pieces is None:
+        return {}
+    areas, counts = model.areas, found.counts
+    shares = {
+        str(n): float(areas[counts >= n].sum() / areas.sum())
+        for n in range(1, len(found.sensor_names) + 1)
+    }
+    return {
+        "pieces": model.n_faces,
+        "max_edge": model.pieces.max_edge,
+        "area_share_seen_by": shares,
+    }
 
 
 def _file_of(model: Model) -> dict[str, str]:

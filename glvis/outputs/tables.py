@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.inputs.pieces import folded, noun_of_shares
 from glvis.inputs.scene import Model
 from glvis.optim.objective import Objective
 from glvis.sight.visibility import VisibilityMap
@@ -16,6 +17,9 @@ from glvis.sight.visibility import VisibilityMap
 @dataclass(frozen=True)
 class ModelRow:
     """One model: the columns of Table 9, and how often faces are seen.
+
+    Faces are those of the file: one in pieces is seen by each sensor that sees at least half of
+    its area. So two sensors that see a third of a wall each do not count, but their areas do.
 
     Attributes
     ----------
@@ -63,6 +67,8 @@ class SensorRow:
         Faces that no other sensor sees: what would be lost without it.
     only_it_percentage : float
         Of a model's faces, the mean over models.
+    area_percentage, only_it_area_percentage : float
+        Of a model's area, the mean over models.
     """
 
     name: str
@@ -70,6 +76,8 @@ class SensorRow:
     seen_percentage: float
     only_it: int
     only_it_percentage: float
+    area_percentage: float
+    only_it_area_percentage: float
 
 
 def model_rows(
@@ -79,16 +87,16 @@ def model_rows(
     rows = []
     for model, found in zip(models, maps, strict=True):
         is_seen = found.visible.any(axis=0)
-        n_sensors = len(found.sensor_names)
+        n_sensors, whole = len(found.sensor_names), folded(found, model)
         rows.append(
             ModelRow(
                 model.name,
-                found.n_total,
-                found.n_unique,
-                model.n_faces,
-                100 * found.coverage,
+                whole.n_total,
+                whole.n_unique,
+                model.file.n_faces,
+                100 * whole.coverage,
                 100 * float(model.areas[is_seen].sum() / model.areas.sum()),
-                tuple(found.share_seen_by(n) for n in range(1, n_sensors + 1)),
+                tuple(whole.share_seen_by(n) for n in range(1, n_sensors + 1)),
                 objective.terms(found.counts, model.areas),
             )
         )
@@ -110,24 +118,48 @@ def mean_terms(rows: Sequence[ModelRow]) -> dict[str, float]:
     return {name: float(np.mean([row.terms[name] for row in rows])) for name in rows[0].terms}
 
 
-def sensor_rows(maps: Sequence[VisibilityMap]) -> list[SensorRow]:
+def sensor_rows(models: Sequence[Model], maps: Sequence[VisibilityMap]) -> list[SensorRow]:
     """Return one row a sensor, in their order."""
-    seen = np.stack([found.visible.sum(axis=1) for found in maps])  # (M, S)
-    only = np.stack([_only_one(found.visible).sum(axis=1) for found in maps])
-    faces = np.array([found.visible.shape[1] for found in maps])[:, None]
+    whole = [folded(found, model) for model, found in zip(models, maps, strict=True)]
+    seen = np.stack([found.visible.sum(axis=1) for found in whole])  # (M, S)
+    only = np.stack([_only_one(found).sum(axis=1) for found in whole])
+    faces = np.array([model.file.n_faces for model in models])[:, None]
+    areas = [model.areas / model.areas.sum() for model in models]
+    seen_area = [found.visible @ area for area, found in zip(areas, maps, strict=True)]
+    only_area = [_only_one(found) @ area for area, found in zip(areas, maps, strict=True)]
     return [
-        SensorRow(name, int(a), float(b), int(c), float(d))
-        for name, a, b, c, d in zip(
+        SensorRow(name, int(a), float(b), int(c), float(d), float(e), float(f))
+        for name, a, b, c, d, e, f in zip(
             maps[0].sensor_names,
             seen.sum(axis=0),
             (100 * seen / faces).mean(axis=0),
             only.sum(axis=0),
             (100 * only / faces).mean(axis=0),
+            100 * np.mean(seen_area, axis=0),
+            100 * np.mean(only_area, axis=0),
             strict=True,
         )
     ]
 
 
-def _only_one(visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a sensor is the only one to see a face, (S, F) bool."""
-    return visible & (visible.sum(axis=0) == 1)
+def sensor_table(
+    models: Sequence[Model], maps: Sequence[VisibilityMap]
+) -> tuple[str, list[tuple[str, float, float]]]:
+    """Return what each sensor sees and what only it sees, for people.
+
+    Returns
+    -------
+    noun : str
+        Of what the percentages are: "faces", or "area" where some were cut.
+    rows : list of (str, float, float)
+        Name, percentage seen and percentage that only it sees, the mean over models.
+    """
+    noun, rows = noun_of_shares(models), sensor_rows(models, maps)
+    if noun == "faces":
+        return noun, [(row.name, row.seen_percentage, row.only_it_percentage) for row in rows]
+    return noun, [(row.name, row.area_percentage, row.only_it_area_percentage) for row in rows]
+
+
+def _only_one(found: VisibilityMap) -> NDArray[np.bool_]:
+    """Return where a sensor is the only one to see a face or a piece, (S, F) bool."""
+    return found.visible & (found.counts == 1)

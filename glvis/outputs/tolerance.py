@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.errors import StudyError
+from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.schema import MM_PER_UNIT
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.placement import Placement
@@ -36,7 +37,8 @@ class Worth:
     Attributes
     ----------
     coverage : float
-        Share of the faces that at least one sensor sees, the mean over models.
+        Share of the faces, or of the area where some were cut, that at least one sensor sees; the
+        mean over models.
     value : float
         Of the objective.
     """
@@ -53,7 +55,12 @@ def worth(placement: Placement, maps: list[VisibilityMap] | None = None) -> Wort
         study.objective.terms(one.counts, model.areas)["value"]
         for one, model in zip(found, study.models, strict=True)
     ]
-    coverage = float(np.mean([one.coverage for one in found]))
+    noun = noun_of_shares(study.models)
+    shares = [
+        share_of(model, one.counts > 0, noun)
+        for one, model in zip(found, study.models, strict=True)
+    ]
+    coverage = float(np.mean(shares))
     return Worth(coverage, float(study.objective.aggregated(values)))
 
 

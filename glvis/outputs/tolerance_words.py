@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from glvis.inputs.pieces import noun_of_shares
 from glvis.optim.placement import Placement
 from glvis.outputs.mounting import DECIMALS, setting_of_pose
 from glvis.outputs.tolerance import AXES, Floats, Worth, without_each, worth
@@ -33,7 +34,7 @@ def spread_lines(
         ("worst", np.min),
     ):
         rows.append((name, f"{of(coverage):.2f}", f"{of(value):.4f}"))
-    yield from table(("", "faces seen %", kind), rows)
+    yield from table(("", f"{noun_of_shares(placement.study.models)} seen %", kind), rows)
 
 
 def sensitivity_lines(
@@ -53,14 +54,14 @@ def sensitivity_lines(
 
 def loss_lines(placement: Placement) -> Iterator[str]:
     """Yield what is left with each sensor lost in turn."""
-    kind = placement.study.objective.kind.upper()
+    kind, noun = placement.study.objective.kind.upper(), noun_of_shares(placement.study.models)
     planned = worth(placement)
     yield "With one sensor lost"
     rows = [("none", f"{100 * planned.coverage:.2f}", "", f"{planned.value:.4f}")]
     for name, left in zip(placement.study.sensor_names, without_each(placement), strict=True):
         change = f"{100 * (left.coverage - planned.coverage):+.2f}"
         rows.append((name, f"{100 * left.coverage:.2f}", change, f"{left.value:.4f}"))
-    yield from table(("lost", "faces seen %", "change", kind), rows)
+    yield from table(("lost", f"{noun} seen %", "change", kind), rows)
 
 
 def rounding_lines(planned: Placement, rounded: Placement) -> Iterator[str]:
@@ -69,6 +70,7 @@ def rounding_lines(planned: Placement, rounded: Placement) -> Iterator[str]:
     places = DECIMALS.get(unit, 2) + 1
     kind = planned.study.objective.kind.upper()
     before, after = worth(planned), worth(rounded)
+    noun = noun_of_shares(planned.study.models)
     yield f"Rounded poses [{unit}, deg]; pan, tilt and roll as in mounting.txt"
     rows = []
     for name, pose in zip(planned.study.sensor_names, rounded.camera_to_world, strict=True):
@@ -78,7 +80,7 @@ def rounding_lines(planned: Placement, rounded: Placement) -> Iterator[str]:
         rows.append((name, *numbers))
     yield from table(("sensor", "x", "y", "z", "pan", "tilt", "roll"), rows)
     yield (
-        f"They see {100 * after.coverage:.2f} % of the faces instead of "
+        f"They see {100 * after.coverage:.2f} % of the {noun} instead of "
         f"{100 * before.coverage:.2f} %; {kind} = {after.value:.4f} instead of {before.value:.4f}"
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from glvis.inputs.pieces import fold_counts, folded
 from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement
 from glvis.optim.reach import Reach
@@ -45,15 +46,17 @@ def reach_rows(
     for model, found, by in zip(models, maps, reach.sensors, strict=True):
         seen, within = found.counts > 0, by > 0
         area, area_seen = float(model.areas[within].sum()), float(model.areas[seen].sum())
-        n_seen, n_within = np.count_nonzero(seen), np.count_nonzero(within)
+        by_faces = fold_counts(by, model)  # counts and their shares are of the file's faces
+        n_seen = folded(found, model).n_unique
+        n_within = np.count_nonzero(by_faces)
         rows.append(
             ReachRow(
                 model.name,
-                100 * n_within / model.n_faces,
+                100 * n_within / model.file.n_faces,
                 100 * area / float(model.areas.sum()),
                 100 * n_seen / n_within if n_within else 100.0,
                 100 * area_seen / area if area else 100.0,
-                tuple(float((by >= n).mean()) for n in range(1, len(found.sensor_names) + 1)),
+                tuple(float((by_faces >= n).mean()) for n in range(1, len(found.sensor_names) + 1)),
             )
         )
     return [*rows, _mean(rows)] if len(rows) > 1 else rows

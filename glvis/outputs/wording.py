@@ -6,15 +6,24 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from glvis.inputs.estimate import Cost, share_below_a_pixel, working_distance
+from glvis.errors import MachineError
+from glvis.inputs.estimate import (
+    Cost,
+    LargeFaces,
+    large_faces,
+    share_below_a_pixel,
+    working_distance,
+)
+from glvis.inputs.pieces import pieces_words
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
-from glvis.outputs.tables import mean_row, model_rows, sensor_rows
+from glvis.outputs.tables import mean_row, model_rows, sensor_table
 from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.sight.visibility import render_resolution
 from glvis.terminal import duration, table
 
 _MANY_BELOW_A_PIXEL = 0.05
+_FEW_POINTS = 0.03  # of the area, that both criteria may differ by
 
 
 def study_lines(study: Study) -> Iterator[str]:
@@ -30,9 +39,12 @@ def study_lines(study: Study) -> Iterator[str]:
         [
             (what, m.name, m.n_faces, float(m.areas.sum()), m.mean_edge,
              "closed" if m.is_closed else "open")
-            for what, m in meshes
+            for what, m in [(what, m.file) for what, m in meshes]
         ],
     )  # fmt: skip
+    for model in study.models:
+        if model.pieces:
+            yield f"  {pieces_words(model, unit)}"
     yield ""
     yield "Sensors"
     kinds = {sensor.name: sensor for sensor in study.sensors}
@@ -97,6 +109,28 @@ def resolution_warnings(study: Study) -> list[str]:
     return found
 
 
+def large_face_warnings(study: Study) -> list[str]:
+    """Return one sentence for each model whose large faces make what is seen a matter of luck."""
+    try:
+        found = large_faces(study)
+    except MachineError:  # who draws for the study will say so
+        return []
+    return [
+        f"{one.model.name}: {one.n_faces:,} {'pieces' if one.model.pieces else 'faces'} hold "
+        f"{100 * one.area_share:.0f} % of the area and each counts whole: "
+        f"{100 * one.by_pixels:.1f} % of the area would be seen by criterion = 'pixels', "
+        f"{100 * one.by_centroid:.1f} % by 'centroid'; {_remedy(one, study.unit)}"
+        for one in found
+        if one.difference > _FEW_POINTS
+    ]
+
+
+def _remedy(found: LargeFaces, unit: str) -> str:
+    if found.model.pieces:
+        return f"set [scene] max_edge shorter than {found.model.pieces.max_edge:.2g} ({unit})"
+    return f"set [scene] max_edge = 'auto', or a length such as {found.limit:.2g} ({unit})"
+
+
 def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
     """Yield what a run takes."""
     gl = cost.gl
@@ -153,14 +187,7 @@ def result_lines(placement: Placement) -> Iterator[str]:
         yield reach_words(placement.reach)
         yield from table(header, [[name, *map("{:.1f}".format, row)] for name, *row in numbers])
         yield ""
-    yield "Sensors: what each sees, and what only it sees, in % of the faces (mean over models)"
-    yield from table(
-        ("sensor", "sees %", "only it %"),
-        [
-            (row.name, f"{row.seen_percentage:.1f}", f"{row.only_it_percentage:.1f}")
-            for row in sensor_rows(placement.maps)
-        ],
-    )
+    yield from _sensor_lines(placement)
     yield ""
     kind = study.objective.kind.upper()
     if not placement.trace:
@@ -174,9 +201,19 @@ def result_lines(placement: Placement) -> Iterator[str]:
     )
 
 
+def _sensor_lines(placement: Placement) -> Iterator[str]:
+    noun, rows = sensor_table(placement.study.models, placement.maps)
+    yield f"Sensors: what each sees, and what only it sees, in % of the {noun} (mean over models)"
+    yield from table(
+        ("sensor", "sees %", "only it %"),
+        [(name, f"{seen:.1f}", f"{only_it:.1f}") for name, seen, only_it in rows],
+    )
+
+
 def _objective_lines(study: Study) -> Iterator[str]:
     objective = study.objective
-    what = "area" if objective.by_area else "faces"
+    counted = "faces and pieces" if any(model.pieces for model in study.models) else "faces"
+    what = "area" if objective.by_area else counted
     line = f"Objective: {objective.kind.upper()} by {what}"
     if objective.kind == "of3":
         line += f", {objective.w_tot:g} T_tot + {objective.w_of1:g} OF1 + {objective.w_of2:g} OF2"

@@ -50,13 +50,13 @@ function buildModels() {
 }
 
 function buildSensors() {
-  const host = byId('sensors'), kinds = new Set(sensors.map((sensor) => sensor.kind)).size;
+  const host = byId('sensors'), kinds = new Set(sensors.map((sensor) => sensor.kind)).size, noun = byArea ? 'area' : 'faces';
   const all = (on) => element('button', { type: 'button', class: 'link', click: () => { state.on.fill(on); refresh(); } }, on ? 'All' : 'None');
   host.querySelector('h2').append(element('span', { class: 'right' }, all(true), all(false)));
   host.append(element('div', { class: 'row head', 'aria-hidden': 'true' },
     element('span', { class: 'wide' }, 'Click for its faces'),
-    element('span', { class: 'num', title: 'Share of the faces that this sensor sees' }, 'Sees'),
-    element('span', { class: 'num', title: 'Share of the faces that no other active sensor sees' }, 'Only it'), element('span')));
+    element('span', { class: 'num', title: `Share of the ${noun} that this sensor sees` }, 'Sees'),
+    element('span', { class: 'num', title: `Share of the ${noun} that no other active sensor sees` }, 'Only it'), element('span')));
   sensors.forEach((sensor, s) => {
     const box = element('input', { type: 'checkbox', checked: true, 'aria-label': `${sensor.name} on`, change: () => setSensor(s, box.checked) });
     const name = element('button', { type: 'button', class: 'name', title: `Only what ${sensor.name} sees`,
@@ -97,16 +97,18 @@ function buildToggles() {
 // ---------------------------------------------------------------- numbers and legend
 
 function showNumbers(mesh) {
-  const { exactly, seen, alone, unseenArea } = covered, F = mesh.nFaces;
-  const share = (n) => percent(n / F), twice = F - exactly[0] - (exactly[1] ?? 0);
+  const { exactly, seen, alone, unseenArea, all } = covered, parts = mesh.pieceOf ? 'pieces' : 'faces';
+  const share = (n) => percent(n / all), twice = exactly.slice(2).reduce((a, b) => a + b, 0);
+  const amount = (n) => (byArea ? `${area(n, study.unit, all)} of ${area(all, study.unit)}` : `${number(n, 0)} of ${number(all, 0)} faces`);
+  const ofArea = byArea ? '' : `, ${percent(unseenArea / mesh.area)} of the area`;
   const tile = (value, text, title, name) => element('div', { class: name, title }, element('b', {}, value), element('span', {}, text));
   byId('stats').replaceChildren(
-    tile(share(F - exactly[0]), 'seen', `${number(F - exactly[0], 0)} of ${number(F, 0)} faces are seen by at least one sensor`),
-    tile(share(twice), 'by two or more', `${number(twice, 0)} of ${number(F, 0)} faces are seen by at least two sensors`),
-    tile(share(exactly[0]), 'unseen', `${number(exactly[0], 0)} faces, ${area(unseenArea, study.unit)}, ${percent(unseenArea / mesh.area)} of the area`, 'unseen'),
-    element('p', { class: 'note' }, `${number(exactly[0], 0)} of ${number(F, 0)} faces unseen, ${percent(unseenArea / mesh.area)} of the area` +
+    tile(share(all - exactly[0]), byArea ? 'area seen' : 'seen', `${amount(all - exactly[0])} are seen by at least one sensor`),
+    tile(share(twice), 'by two or more', `${amount(twice)} are seen by at least two sensors`),
+    tile(share(exactly[0]), 'unseen', byArea ? amount(exactly[0]) : `${number(exactly[0], 0)} faces, ${area(unseenArea, study.unit)}${ofArea}`, 'unseen'),
+    element('p', { class: 'note' }, `${amount(exactly[0])} unseen${ofArea}` +
       (state.on.every(Boolean) ? '' : `, with ${state.on.filter(Boolean).length} of ${sensors.length} sensors`)));
-  const most = Math.max(...seen, 1); // bars compare sensors, so the longest is full
+  const most = Math.max(...seen) || 1; // bars compare sensors, so the longest is full
   rows.forEach((row, s) => {
     row.box.checked = state.on[s];
     row.node.classList.toggle('off', !state.on[s]);
@@ -116,7 +118,7 @@ function showNumbers(mesh) {
     labels[s].classList.toggle('off', !state.on[s]);
   });
   byId('gaps').replaceChildren(element('h2', {}, 'Largest gaps'), ...(covered.gaps.length
-    ? covered.gaps.map((gap, i) => element('button', { type: 'button', title: `${number(gap.nFaces, 0)} connected faces that nobody sees`, click: () => goToGap(gap) },
+    ? covered.gaps.map((gap, i) => element('button', { type: 'button', title: `${number(gap.nFaces, 0)} connected ${parts} that nobody sees`, click: () => goToGap(gap) },
       element('b', {}, String(i + 1)), area(gap.area, study.unit, covered.gaps[0].area)))
     : [element('p', { class: 'note' }, 'None: every face is seen.')]));
 }
@@ -130,12 +132,12 @@ function showState(mesh) {
   for (const [name, box] of Object.entries(toggles)) box.checked = state[name];
   markMode(state.mode);
   markModel?.();
-  showLegend(mesh.nFaces);
+  showLegend();
 }
 
-function showLegend(F) {
+function showLegend() {
   const item = (color, text, name = '') => element('span', { class: 'item' }, element('i', { class: `chip ${name}`, style: { '--color': color } }), text);
-  const { exactly } = covered, share = (n) => percent(n / F), { unseen, seen, overlap, obstacle } = study.colors;
+  const { exactly, all } = covered, share = (n) => percent(n / all), { unseen, seen, overlap, obstacle } = study.colors;
   const nobody = item(css(unseen), `seen by nobody ${share(exactly[0])}`, 'striped');
   let items;
   if (state.focus >= 0) {
@@ -147,7 +149,7 @@ function showLegend(F) {
     items = [element('span', { class: 'item head' }, 'Seen by'), item(css(unseen), `0  ${share(exactly[0])}`, 'striped')];
     for (let k = 1; k <= last; k++) items.push(item(css(overlap[k]), `${k}  ${share(exactly[k])}`));
     items.push(element('span', { class: 'item head' }, 'sensors'));
-  } else if (state.mode === 'unseen') items = [nobody, item(css(seen), `seen ${share(F - exactly[0])}`)];
+  } else if (state.mode === 'unseen') items = [nobody, item(css(seen), `seen ${share(all - exactly[0])}`)];
   else items = [element('span', { class: 'item head how' }, 'Colour: the sensor that sees the face most squarely'), nobody];
   if (study.obstacles.length && state.obstacles) items.push(item(css(obstacle), 'obstacle'));
   byId('legend').replaceChildren(...items);
@@ -226,7 +228,7 @@ function showReadout(hit, x, y) {
     const order = readings.map((_, s) => s).sort((a, b) => readings[b].sees - readings[a].sees);
     const seen = readings.filter((r) => r.sees && r.on).length;
     node.replaceChildren(
-      element('p', {}, element('b', {}, seen ? `Seen by ${seen} of ${sensors.length}` : 'Seen by nobody'), element('span', {}, `face ${number(hit.face, 0)}`)),
+      element('p', {}, element('b', {}, seen ? `Seen by ${seen} of ${sensors.length}` : 'Seen by nobody'), element('span', {}, mesh.pieceOf ? `piece of face ${number(mesh.pieceOf[hit.face], 0)}` : `face ${number(hit.face, 0)}`)),
       element('table', {}, element('thead', {}, element('tr', {}, element('th', {}, 'Sensor'), element('th', {}, 'Distance'), element('th', {}, 'Incidence'))),
         element('tbody', {}, order.slice(0, 12).map((s) => line(readings[s], s)))),
       element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${area(mesh.areas[hit.face], study.unit)}`));

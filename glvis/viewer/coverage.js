@@ -35,27 +35,28 @@ function whyUnseen(sensor, { ray, depth, cosine }) {
   return 'hidden';
 }
 
-/** Everything the page tells about one model with some sensors on. */
+/** Everything the page tells about one model with some sensors on; amounts are faces, or area where any are cut. */
 function coverage(mesh, sensors, on) {
   const S = sensors.length, F = mesh.nFaces;
+  const weight = byArea ? (f) => mesh.areas[f] : () => 1;
   const counts = new Uint16Array(F);
   const last = new Uint16Array(F); // the one sensor, where there is only one
   const seen = mesh.seen ??= sensors.map((_, s) => {
     let n = 0;
-    for (let f = 0; f < F; f++) n += mesh.sees(s, f);
+    for (let f = 0; f < F; f++) if (mesh.sees(s, f)) n += weight(f);
     return n;
   });
   for (let s = 0; s < S; s++)
     if (on[s]) for (let f = 0; f < F; f++) if (mesh.sees(s, f)) { counts[f]++; last[f] = s; }
-  const exactly = new Array(S + 1).fill(0); // faces seen by exactly 0, 1, ... sensors
+  const exactly = new Array(S + 1).fill(0); // seen by exactly 0, 1, ... sensors
   const alone = new Array(S).fill(0);
   let unseenArea = 0;
   for (let f = 0; f < F; f++) {
-    exactly[counts[f]]++;
+    exactly[counts[f]] += weight(f);
     if (counts[f] === 0) unseenArea += mesh.areas[f];
-    else if (counts[f] === 1) alone[last[f]]++;
+    else if (counts[f] === 1) alone[last[f]] += weight(f);
   }
-  return { counts, exactly, seen, alone, unseenArea };
+  return { counts, exactly, seen, alone, unseenArea, all: exactly.reduce((a, b) => a + b) };
 }
 
 /** Of the sensors that are on, the one that sees each face most squarely; -1 where none does. */

@@ -21,7 +21,7 @@ function joinPlanes(bytes, offset, n) {
   return out.buffer;
 }
 
-/** A mesh of the header: vertices (3V), faces (3F), and per sensor one bit a face. */
+/** A mesh of the header: vertices (3V), faces (3F), per sensor one bit a face, the file's face of each (F). */
 function readMesh(bytes, entry) {
   const vertices = new Float32Array(joinPlanes(bytes, entry.vertices, 3 * entry.nVertices));
   const faces = new Uint32Array(joinPlanes(bytes, entry.faces, 3 * entry.nFaces));
@@ -31,8 +31,10 @@ function readMesh(bytes, entry) {
   }
   const stride = (entry.nFaces + 7) >> 3;
   const bits = entry.visible === undefined ? null : bytes.subarray(entry.visible);
+  const pieceOf = entry.pieceOf === undefined ? null : new Uint32Array(joinPlanes(bytes, entry.pieceOf, entry.nFaces));
+  pieceOf?.forEach((step, i) => { if (i) pieceOf[i] = pieceOf[i - 1] + step; });
   return {
-    name: entry.name, nFaces: entry.nFaces, vertices, faces,
+    name: entry.name, nFaces: entry.nFaces, vertices, faces, pieceOf,
     sees: (sensor, face) => (bits[sensor * stride + (face >> 3)] >> (face & 7)) & 1,
   };
 }

@@ -53,12 +53,16 @@ class PageModel:
         Indices into ``vertices``, counter-clockwise seen from outside.
     visible : (S, F) bool
         Which sensor sees which face.
+    piece_of : (F,) int or None
+        Where faces were cut: which of the file's faces each one is a piece of. The page then tells
+        shares of the area instead of the faces.
     """
 
     name: str
     vertices: ArrayLike = field(repr=False)
     faces: ArrayLike = field(repr=False)
     visible: ArrayLike = field(repr=False)
+    piece_of: ArrayLike | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +218,7 @@ def _packed(data: PageData) -> tuple[dict[str, Any], bytes]:
     origin = (first.min(axis=0) + first.max(axis=0)) / 2
     blob = bytearray()
     models = [
-        _pack_mesh(blob, origin, model, _checked_map(model, len(data.sensors)))
+        _pack_mesh(blob, origin, model, _checked_map(model, len(data.sensors)), model.piece_of)
         for model in data.models
     ]
     obstacles = [_pack_mesh(blob, origin, obstacle) for obstacle in data.obstacles]
@@ -261,11 +265,13 @@ def _pack_mesh(
     origin: NDArray[np.float64],
     mesh: PageModel | PageObstacle,
     visible: NDArray[np.bool_] | None = None,
+    piece_of: ArrayLike | None = None,
 ) -> dict[str, Any]:
     """Append a mesh to the bytes and return where it lies; mesh.js reads it back.
 
     Vertices are float32, faces the differences of successive indices with the sign in the
-    lowest bit; both as byte planes, which deflate far better. A map is one bit a face.
+    lowest bit; both as byte planes, which deflate far better. A map is one bit a face, the
+    faces that pieces belong to are differences again, which never fall.
     """
     vertices = np.asarray(mesh.vertices, dtype=float)
     faces = np.asarray(mesh.faces, dtype=np.int64)
@@ -280,6 +286,9 @@ def _pack_mesh(
     if visible is not None:
         bits = np.packbits(visible, axis=1, bitorder="little")
         entry["visible"] = _append(blob, bits.tobytes())
+    if piece_of is not None:
+        owners = np.diff(np.asarray(piece_of, dtype=np.int64), prepend=0)
+        entry["pieceOf"] = _append(blob, _byte_planes(owners.astype("<u4")))
     return entry
 
 
