@@ -19,7 +19,6 @@ from glvis.sight.visibility import (
     VisibilityMap,
     VisibilityOptions,
     render_resolution,
-    takes_second_look,
 )
 
 Floats = NDArray[np.float64]
@@ -291,8 +290,9 @@ def _piece_edge(model: Model, sensors: Sequence[Sensor], options: VisibilityOpti
     edges = []
     for sensor in sensors:
         share = _PIECE[options.criterion]
-        if options.criterion == "pixels" and not takes_second_look(options):
-            across = min(render_resolution(options, sensor, model))
+        resolution = render_resolution(options, sensor)
+        if resolution:
+            across = min(resolution)
             share = max(share, _FEWEST_PIXELS * math.sqrt(options.min_pixels) / across)
         edges.append(share * view_side(model, sensor))
     return min(edges)
