@@ -21,11 +21,11 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools")]
@@ -100,7 +100,7 @@ WHOLE = Plan(
     times_seconds=100,
     profile_seconds=30,
 )
-SMALL = Plan(("sheet box, wall 1e-3", "coincident"), 1, (600, 2_000), (), False, 5, 3, 2)
+SMALL = Plan(("sheet box, wall 1e-3", "coincident"), 1, (600, 2_000), (), False, 5, 4, 2)
 
 # How a map is made is a matter of criterion and resolution: points of faces in compute shaders, the
 # same points in NumPy, or pixels that are drawn.
@@ -256,7 +256,7 @@ def maps_against_rays(report: Report, plan: Plan) -> None:
     end = time.perf_counter() + plan.maps_seconds
     for turn in range(plan.most_rounds):
         for name in plan.kinds:
-            if time.perf_counter() + took.get(name, 0) > end and name in found:
+            if time.perf_counter() + took.get(name, 0) > end:
                 continue
             progress(f"  {name}, round {turn + 1}")
             start = time.perf_counter()
@@ -266,19 +266,17 @@ def maps_against_rays(report: Report, plan: Plan) -> None:
             )
             those = [way for way in ways if way != DRAWN or name not in COINCIDING]
             sensor = verdicts.device_for(shape)
-            new = verdicts.judged(
-                name, shape, poses, sensor, those=those, words=verdicts.PLACES
-            )
+            new = verdicts.judged(name, shape, poses, sensor, those=those, words=verdicts.PLACES)
             if name in found:
                 found[name] += new
             else:
                 found[name] = new
             took[name] = time.perf_counter() - start
     report.say(
-        "Faces that maps call visible and of which no point is (wrong), faces at least half visible "
-        "that they leave out (missed), and centres of mass, intersection over union (IoU): held "
-        "against rays in float64, of which none is a matter of OpenGL. Faces that rounding decides "
-        f"on count nowhere. At most {verdicts.Limits().wrong_percent} % may be wrong, "
+        "Faces that maps call visible and of which no point is (wrong), faces at least half "
+        "visible that they leave out (missed), and centres of mass, intersection over union (IoU): "
+        "held against rays in float64, in NumPy. Faces that rounding decides on count nowhere. "
+        f" At most {verdicts.Limits().wrong_percent} % may be wrong, "
         f"{verdicts.Limits().missed_percent} % missed, and the IoU is {verdicts.Limits().iou} at "
         "least."
     )
@@ -303,6 +301,9 @@ def maps_against_rays(report: Report, plan: Plan) -> None:
             )
     head = ("mesh", "poses", "maps by", "faces seen", "wrong, %", "missed, %", "IoU", "right")
     report.say(table(head, rows))
+    left_out = [name for name in plan.kinds if name not in found]
+    if left_out:
+        report.say(f"There was no time for {'; '.join(left_out)}.")
     if not can_cast():
         report.say("No maps were made in compute shaders: this driver has none that can be used.")
 
@@ -317,43 +318,68 @@ def how(way: Way) -> str:
 # --- maps a second
 
 
+@dataclass(frozen=True)
+class Scene:
+    """What is timed.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    models : tuple of Model
+        M of them.
+    sensor : Sensor
+        Whose maps are made.
+    poses : (N, S, 4, 4) float64
+        S of them a position.
+    """
+
+    name: str
+    models: tuple
+    sensor: Any
+    poses: np.ndarray
+
+
 def maps_a_second(report: Report, plan: Plan) -> None:
     """Time maps of batches of positions."""
     is_software = gl.gl_info().is_software
-    sizes = plan.faces + (() if is_software else plan.faces_on_hardware)
-    n_scenes = len(sizes) + plan.with_arms
+    sizes: list[int | None] = [*plan.faces, *([None] if plan.with_arms else [])]  # None: the arms
+    sizes += [] if is_software else plan.faces_on_hardware
     end = time.perf_counter() + plan.times_seconds
     rows: list[tuple[str, ...]] = []
-    spent, iou = 0.0, 1.0
-    for number in range(n_scenes):
-        share = (end - time.perf_counter()) / (n_scenes - number)
-        if number < len(sizes) and number and spent * sizes[number] / sizes[number - 1] > 2 * share:
-            report.say(f"A ball of {sizes[number]:,} faces was left out: there was no time for it.")
+    a_face, iou = 0.0, 1.0  # seconds until the first map
+    for number, n_faces in enumerate(sizes):
+        share = (end - time.perf_counter()) / (len(sizes) - number)
+        if n_faces and a_face * n_faces > share / 2:
+            report.say(f"A ball of {n_faces:,} faces was left out: there was no time for it.")
             continue
-        start = time.perf_counter()
-        scene = ball_scene(sizes[number]) if number < len(sizes) else arm_scene()
-        progress(f"  {scene.name}")
-        more, least = timed(report, scene, start + share)
-        spent = (time.perf_counter() - start) / 3
+        with ExitStack() as held:
+            start = time.perf_counter()
+            scene = ball_scene(n_faces) if n_faces else arm_scene()
+            progress(f"  {scene.name}")
+            makers = {name: maps_of(scene, options, held) for name, options in TIMED.items()}
+            rivals = [Embree(model) for model in scene.models] if find_spec("embreex") else []
+            a_face = (time.perf_counter() - start) / sum(model.n_faces for model in scene.models)
+            more, least = timed(report, scene, makers, rivals, start + share)
         rows += more
         iou = min(iou, least)
     rival = find_spec("embreex") is not None
     report.say(
         "Medians of several rounds, in which all ways take turns. `pixels` and `centroid` are the "
-        "criteria at `resolution = \"auto\"`, "
+        'criteria at `resolution = "auto"`, '
         + ("by compute shaders" if can_cast() else "in NumPy, as this driver cannot cast")
-        + "; drawn: `pixels` at the sensor's own 1280 x 720. A position of the ball is one pose, one "
-        "of the arms eight sensors before six models."
+        + "; drawn: `pixels` at the sensor's own 1280 x 720. A position of the ball is one pose, "
+        "one of the arms eight sensors before six models."
         + (
             " Embree: a ray to each centre of mass of what NumPy filters leave (embreex, one "
-            f"thread, of {RIVAL_POSES} positions at most); the last column is `centroid` against "
-            f"it. The least IoU of their maps was {iou:.4f}."
+            f"thread, of {RIVAL_POSES} positions at most); the last column is how many times as "
+            f"fast `centroid` is. The least IoU of their maps was {iou:.4f}."
             if rival
             else " embreex is not there, so that there is nothing to compare with."
         )
     )
     head = ["scene", "positions", "maps", *(f"{name}, maps/s" for name in TIMED)]
-    head += [f"{RIVAL}, maps/s", "times as fast"] if rival else []
+    head += [f"{RIVAL}, maps/s", "`centroid` against it"] if rival else []
     report.say(table(head, rows))
     if any("–" in row for row in rows):
         report.say("–: left out, for it would have taken too long.")
@@ -364,16 +390,16 @@ def maps_a_second(report: Report, plan: Plan) -> None:
         )
 
 
-def ball_scene(n_faces: int) -> SimpleNamespace:
+def ball_scene(n_faces: int) -> Scene:
     """Return a dented ball, a pose a position around it, and its sensor."""
     model = dented_ball(n_faces)
     poses, sensor = ball_views(BATCHES[-1])
     poses = poses[np.random.default_rng(0).permutation(len(poses))]
     name = f"dented ball, {model.n_faces:,} faces"
-    return SimpleNamespace(name=name, models=(model,), sensor=sensor, poses=poses[:, None])
+    return Scene(name, (model,), sensor, poses[:, None])
 
 
-def arm_scene() -> SimpleNamespace:
+def arm_scene() -> Scene:
     """Return six arms, and eight poses a position about those of the paper."""
     study = arm_study("pixels")
     poses = np.repeat(study.rig.poses(np.zeros((1, 0))), BATCHES[-1], axis=0)
@@ -381,54 +407,56 @@ def arm_scene() -> SimpleNamespace:
     where = "of ../shared/data" if (SHARED / "arms").is_dir() else "of scenes/"
     n_faces = sum(model.n_faces for model in study.models)
     name = f"six arms {where}, {n_faces:,} faces in all"
-    return SimpleNamespace(name=name, models=study.models, sensor=study.sensors[0], poses=poses)
+    return Scene(name, tuple(study.models), study.sensors[0], poses)
+
+
+def maps_of(scene: Scene, options: VisibilityOptions, held: ExitStack) -> LocalMaps:
+    """Return who makes maps of a scene, given back with all that is held."""
+    maps = LocalMaps(MapScene(scene.models, (), (scene.sensor,), options))
+    held.callback(maps.release)
+    return maps
 
 
 def timed(
-    report: Report, scene: SimpleNamespace, end: float
+    report: Report,
+    scene: Scene,
+    makers: dict[str, LocalMaps],
+    rivals: list[Embree],
+    end: float,
 ) -> tuple[list[tuple[str, ...]], float]:
     """Return rows of the table, one a batch, and the least IoU with Embree's maps."""
-    makers = {
-        name: LocalMaps(MapScene(tuple(scene.models), (), (scene.sensor,), options))
-        for name, options in TIMED.items()
-    }
-    rivals = [Embree(model) for model in scene.models] if find_spec("embreex") else []
     made: dict[str, np.ndarray] = {}
     rows, a_position, least = [], 0.0, 1.0
-    try:
-        for n in BATCHES:
-            n_maps = n * scene.poses.shape[1] * len(scene.models)
-            head = (scene.name, f"{n}", f"{n_maps:,}")
-            share = (end - time.perf_counter()) / (len(BATCHES) - BATCHES.index(n))
-            if 2 * a_position * n > max(share, 0.5):
-                rows.append((*head, *["–"] * (len(TIMED) + 2 * bool(rivals))))
-                continue
-            progress(f"    {n} positions")
-            seconds, mine, theirs = round_of(scene, n, makers, rivals, a_position, share)
-            for name, bits in mine.items():
-                fewer = made.get(name, bits[:0])
-                if not np.array_equal(fewer, bits[: len(fewer)]):
-                    report.fail(f"{scene.name}, {name}: maps differ where more are made at once")
-            made = mine
-            a_position = sum(float(np.median(one)) for one in seconds.values()) / n
-            cells = [f"{n_maps / np.median(seconds[name]):,.0f}" for name in TIMED]
-            if rivals:
-                some = min(n, RIVAL_POSES) / n
-                base = np.array(seconds[RIVAL]) / some
-                ratio = np.median(base / np.array(seconds["centroid"]))
-                cells += [f"{n_maps / np.median(base):,.0f}", f"{ratio:.2f}"]
-                least = min(least, agreement(mine["centroid"][: len(theirs)], theirs))
-            rows.append((*head, *cells))
-    finally:
-        for maker in makers.values():
-            maker.release()
+    for n in BATCHES:
+        n_maps = n * scene.poses.shape[1] * len(scene.models)
+        head = (scene.name, f"{n}", f"{n_maps:,}")
+        share = (end - time.perf_counter()) / (len(BATCHES) - BATCHES.index(n))
+        if 2 * a_position * n > max(share, 0.5):
+            rows.append((*head, *["–"] * (len(TIMED) + 2 * bool(rivals))))
+            continue
+        progress(f"    {n} positions")
+        seconds, mine, theirs = round_of(scene, n, makers, rivals, a_position, share)
+        for name, bits in mine.items():
+            fewer = made.get(name, bits[:0])
+            if not np.array_equal(fewer, bits[: len(fewer)]):
+                report.fail(f"{scene.name}, {name}: maps differ where more are made at once")
+        made = mine
+        a_position = sum(float(np.median(one)) for one in seconds.values()) / n
+        cells = [f"{n_maps / np.median(seconds[name]):,.0f}" for name in TIMED]
+        if rivals:
+            some = min(n, RIVAL_POSES) / n
+            base = np.array(seconds[RIVAL]) / some
+            ratio = np.median(base / np.array(seconds["centroid"]))
+            cells += [f"{n_maps / np.median(base):,.0f}", f"{ratio:.2f}"]
+            least = min(least, agreement(mine["centroid"][: len(theirs)], theirs))
+        rows.append((*head, *cells))
     if least < MIN_IOU_WITH_RIVAL:
         report.fail(f"{scene.name}: centroid has an IoU of {least:.4f} with Embree's centroid rays")
     return rows, least
 
 
 def round_of(
-    scene: SimpleNamespace,
+    scene: Scene,
     n: int,
     makers: dict[str, LocalMaps],
     rivals: list[Embree],
@@ -479,7 +507,8 @@ def where_time_goes(report: Report, plan: Plan) -> None:
     columns: dict[str, dict[str, float]] = {}
     n = {}
     for name, options in TIMED.items():
-        with closing_maps(scene, options) as maps:
+        with ExitStack() as held:
+            maps = maps_of(scene, options, held)
             progress(f"  {name}")
             few, many = (MapJob(0, scene.poses[:k, 0]) for k in BATCHES[1:])
             list(maps.make([few]))
@@ -497,20 +526,13 @@ def where_time_goes(report: Report, plan: Plan) -> None:
         rows.append((step, *(cell(one, step, n[name]) for name, one in columns.items())))
     totals = (f"{1e3 * sum(one.values()) / n[name]:.2f}" for name, one in columns.items())
     report.say(
-        f"Milliseconds a map of the {scene.name}, and shares of the whole. Each step waits for the "
-        "GPU before the next begins, so that the sum is more than a map takes otherwise. `ask` looks "
-        "up points of faces, `keep` leaves out what hides none, `hide` finds what is hidden, `draw` "
-        "draws the sensor's pixels; marking turns what is read back into maps."
+        f"Milliseconds a map of the {scene.name}, and shares of the whole. Each step waits for "
+        "the GPU before the next begins, so that the sum is more than a map takes otherwise. `ask` "
+        "looks up points of faces, `keep` leaves out what hides none, `hide` finds what is hidden, "
+        "`draw` draws the sensor's pixels; marking turns what is read back into maps."
     )
     batches = (f"{name}, {n[name]} positions" for name in columns)
     report.say(table(["step", *batches], [*rows, ("all", *totals)]))
-
-
-def closing_maps(scene: SimpleNamespace, options: VisibilityOptions) -> closing:
-    """Return who makes maps of a scene, given back at the end of a ``with``."""
-    maps = LocalMaps(MapScene(tuple(scene.models), (), (scene.sensor,), options))
-    maps.close = maps.release
-    return closing(maps)
 
 
 def cell(seconds: dict[str, float], step: str, n: int) -> str:
