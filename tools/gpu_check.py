@@ -376,8 +376,8 @@ def maps_a_second(report: Report, plan: Plan) -> None:
         "one of the arms eight sensors before six models."
         + (
             " Embree: a ray to each centre of mass of what NumPy filters leave (embreex, one "
-            f"thread, of {RIVAL_POSITIONS} positions at most); the last column is how many times as "
-            f"fast `centroid` is. The least IoU of their maps was {iou:.4f}."
+            f"thread, of {RIVAL_POSITIONS} positions at most); the last column is how many times "
+            f"as fast `centroid` is. The least IoU of their maps was {iou:.4f}."
             if rival
             else " embreex is not there, so that there is nothing to compare with."
         )
