@@ -438,7 +438,11 @@ class _LargeFaces:
 
     def unseen(self, batch: _Batch, parts: int, visible: Bools) -> _Closer:
         """Return those of which no point is visible (n, F) yet, to be looked at in so many parts."""
-        clusters, rows, large = batch.question.targets.clusters, batch.asked.rows, batch.question.large
+        clusters, rows, large = (
+            batch.question.targets.clusters,
+            batch.asked.rows,
+            batch.question.large,
+        )
         assert large is not None
         face = clusters.order[self.place]
         unseen = ~visible[self.view, face]
@@ -470,9 +474,7 @@ def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int
     return *_filled(*np.nonzero(mask), len(mask), column), groups
 
 
-def _filled(
-    view: Indices, place: Indices, n: int, multiple: int
-) -> tuple[Words, Indices, Indices]:
+def _filled(view: Indices, place: Indices, n: int, multiple: int) -> tuple[Words, Indices, Indices]:
     """Return places (K,) + 1 as a list, and where each of n views has its own, and how many.
 
     A view's are filled up by zeros to a multiple of some number.

@@ -143,9 +143,7 @@ class LocalMaps:
         most = max(model.n_faces for model in (*scene.models, *scene.obstacles))
         casts = can_cast() and can_hold(most)
         self._mappers = [
-            Mapper(
-                model, self._obstacles, scene.visibility, origin, self._renderer_of, casts=casts
-            )
+            Mapper(model, self._obstacles, scene.visibility, origin, self._renderer_of, casts=casts)
             for model in scene.models
         ]
         surfaces = [*(mapper.surface for mapper in self._mappers), *self._obstacles]
