@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapes
-from sight import DOWN, mapper, random_poses, sensor
+from sight import DOWN, mapper, random_poses
 
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError

@@ -17,20 +17,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from glvis.sight.context import gl_context
 from glvis.sight.culling import Chosen
 from glvis.sight.points import Question, beside, reaches, spans
-from glvis.sight.surface import Surface, compiled_compute
+from glvis.sight.surface import Surface, compiled_compute, texture_of
 from glvis.sight.views import NEAREST, Views
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Words = NDArray[np.uint32]
-Indices = NDArray[np.intp]
+Indices = NDArray[np.integer]
 
 _VERSION = 430  # compute shaders and storage buffers
 # The block View of view.glsl, name by name; a uniform block may begin at any multiple of 256 bytes.
@@ -130,7 +129,7 @@ class Caster:
         return visible
 
     def _see(self, batch: _Batch, poses: Floats, visible: Bools) -> bool:
-        """Mark what the views of a batch see, in place, (n, F) bool; return whether all is found."""
+        """Mark what the views of a batch see, in place, (n, F) bool; return if all is found."""
         if not batch.asked.rows["n_listed"].any():
             return True
         clusters = batch.question.targets.clusters
@@ -142,8 +141,10 @@ class Caster:
         view, place = np.divmod(self._free(0, n_records), len(clusters.order))
         visible[view, clusters.order[place]] = True
         finished, large = self._has_finished(), batch.question.large
-        faces = _LargeFaces.of(batch, poses, visible) if large else None
-        for parts in (large.few, large.many) if large and faces else ():
+        if not large:
+            return finished
+        faces = _LargeFaces.of(batch, poses, visible)
+        for parts in (large.few, large.many):
             closer = faces.unseen(batch, parts, visible)
             if not len(closer.entries):
                 continue
@@ -258,8 +259,7 @@ class Caster:
         if texture is None or texture.width != size[0] or texture.height < size[1]:
             if texture is not None:
                 texture.release()
-            texture = gl_context().texture(size, components, dtype="u4", alignment=4)
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            texture = texture_of(size, components, "u4")
             self._textures[name] = texture
         return texture
 
@@ -418,8 +418,8 @@ class _LargeFaces:
         size = clusters.size
         view = np.repeat(view, size)
         place = (cluster[:, None] * size + np.arange(size)).ravel()
-        kept = np.flatnonzero(~visible[view, table.index[place]])
-        view, place = view[kept], place[kept]
+        unseen = ~visible[view, table.index[place]]
+        view, place = view[unseen], place[unseen]
         # of a face that looks at the eye, and may be large and steep enough
         to_eye = eyes[view].T - table.centroids[:, place]
         edge, normal = table.longest[place], table.normals[:, place]
@@ -437,7 +437,7 @@ class _LargeFaces:
         return cls(view, place, spans(corners, half[view].T, near[view]))
 
     def unseen(self, batch: _Batch, parts: int, visible: Bools) -> _Closer:
-        """Return those of which no point is visible (n, F) yet, to be looked at in so many parts."""
+        """Return those of which no point is visible (n, F) yet, to be looked at in parts."""
         clusters, rows, large = (
             batch.question.targets.clusters,
             batch.asked.rows,
@@ -471,7 +471,9 @@ def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int
     size = surface.clusters.size
     groups = max(1, -(-len(surface.clusters.order) // (_GROUP * _MOST_GROUPS)))
     column = groups * _GROUP // size
-    return *_filled(*np.nonzero(mask), len(mask), column), groups
+    view, cluster = np.nonzero(mask)
+    entries, begin, n_listed = _filled(view, cluster, len(mask), column)
+    return entries, begin, n_listed, groups
 
 
 def _filled(view: Indices, place: Indices, n: int, multiple: int) -> tuple[Words, Indices, Indices]:

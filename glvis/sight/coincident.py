@@ -18,7 +18,7 @@ from glvis.sight.crops import corners_in_camera
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+Indices = NDArray[np.integer]
 
 # Of the model's extent, and of a unit normal: bins in which faces of one plane fall together.
 _OFFSET_BIN, _NORMAL_BIN = 1e-5, 1e-3
@@ -135,7 +135,8 @@ def _overlapping(
     corners = model.vertices[model.faces[faces]]
     low, high = corners.min(axis=1) - apart, corners.max(axis=1) + apart
     order = np.lexsort([low[:, 0], group])
-    faces, group, corners, low, high = (x[order] for x in (faces, group, corners, low, high))
+    faces, group = faces[order], group[order]
+    corners, low, high = corners[order], low[order], high[order]
     n = len(faces)
     # along x, those of the group that begin before a face ends follow it
     scale = float(np.ptp(model.bounds[:, 0])) + 4 * apart + 1.0

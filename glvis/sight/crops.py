@@ -91,13 +91,12 @@ def corners_in_camera(model: Model, index: Indices, camera_to_world: Floats) -> 
 
     Coordinates are x right, y up, and depth along the optical axis, scene unit.
     """
-    faces = model.faces[index]
+    faces: NDArray[np.integer] = model.faces[index]
     to_camera = camera_to_world[:3, :3].T * np.array([[1.0], [1.0], [-1.0]])
-    if len(index) < model.n_faces // 4:
+    vertices = model.vertices
+    if len(index) < model.n_faces // 4:  # else all are worth moving
         used, faces = np.unique(faces, return_inverse=True)
-        vertices, faces = model.vertices[used], faces.reshape(-1, 3)
-    else:
-        vertices = model.vertices
+        vertices, faces = vertices[used], faces.reshape(-1, 3)
     places = to_camera @ (vertices - camera_to_world[:3, 3]).T
     return np.moveaxis(places[:, faces.T], 0, 1)
 
@@ -109,7 +108,7 @@ def parts_in_camera(
     camera_to_world: Floats,
     n: int,
 ) -> CameraFaces:
-    """Return the centres of mass of the n x n congruent parts of some faces, as one camera has them.
+    """Return the centres of mass of the n x n congruent parts of some faces.
 
     Those before the camera, in its frame.
 

@@ -2,8 +2,8 @@
 
 CropFOV, CropBack and CropNear leave clusters of faces out; then either points of faces are asked
 about, each decided by the planes of what may hide it (``caster`` on the GPU, ``points`` in NumPy),
-or the ID buffer of a render is the map: its depth test is the ray tracing, and its shader refuses by
-incidence and distance (CropNorm, CropNear).
+or the ID buffer of a render is the map: its depth test is the ray tracing, and its shader refuses
+by incidence and distance (CropNorm, CropNear).
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Mapper:
         self.surface.release()
 
     def question(self, sensor: Sensor) -> Question | None:
-        """Return what a ``Caster`` is asked for a sensor's maps; None where ``visible`` makes them."""
+        """Return what a ``Caster`` is asked; None where ``visible`` makes a sensor's maps."""
         if not self._casts:
             return None
         if sensor not in self._questions:
@@ -154,8 +154,9 @@ class Mapper:
         for view, (seen, pose) in enumerate(zip(visible, views.camera_to_world, strict=True)):
             places = clusters.places_in(chosen[self.surface].candidates[view])
             faces = in_camera(self._table, places, pose)
-            hiding = clusters.places_in(chosen[self.surface].to_draw.mask[view])
-            hiding = clusters.order[hiding]
+            hiding: NDArray[np.integer] = clusters.order[
+                clusters.places_in(chosen[self.surface].to_draw.mask[view])
+            ]
             if self.options.occlusion == "paper":
                 # what CropBack and CropNorm refuse is gone before anything is hidden
                 hiding = faces.index[faces_sensor(faces, sensor, by_axis=by_axis)]
@@ -173,8 +174,8 @@ class Mapper:
         return visible
 
     def _closer(
-        self, n: int, places: NDArray[np.intp], seen: Bools, pose: Floats, sensor: Sensor
-    ) -> NDArray[np.intp]:
+        self, n: int, places: NDArray[np.integer], seen: Bools, pose: Floats, sensor: Sensor
+    ) -> NDArray[np.integer]:
         """Return which of some faces that are not seen (F,) are looked at in n x n points."""
         assert self._large is not None
         index = self._table.index.take(places)

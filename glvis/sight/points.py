@@ -1,8 +1,8 @@
 """Which points of faces are asked about, and what hides them, in NumPy and float64.
 
 A face counts where its centre of mass is free; by the criterion "pixels", where a face is large in
-the image, where any of several points of it is. What ``caster`` finds on the GPU is found here wherever
-it cannot, and for the paper's own semantics: the same points, the same planes, the same grid.
+the image, where any of several points of it is. What ``caster`` finds on the GPU is found here
+wherever it cannot, and for the paper's own semantics: the same points, the same planes.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ from glvis.sight.surface import Surface
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+Indices = NDArray[np.integer]
 
 # Cells that a typical face's side spans at maxD, and cells along the longer side of the image, at
 # least and at most. Maps do not depend on them; their time does, and least here, by tools/bench.
 _CELLS_A_SIDE, _FEWEST, _MOST = 1.1, 56, 1024
-# Share of the way by which an occluder must be nearer than a point to hide it, and of an edge's
-# reach by which a ray may pass beside it. What float32 cannot tell apart is one place, as on the GPU.
+# Share of the way by which an occluder must be nearer than a point to hide it, for what float32
+# cannot tell apart is one place, as on the GPU; and share of an edge's reach by which a ray may pass
+# beside it, some steps of float64.
 _NEARER, _BESIDE = 1e-7, 1e-13
 _PAIRS = 1 << 18  # of points and triangles tested at once
 
 
 @dataclass(frozen=True)
 class Large:
-    """When a face is large in the image, and looked at in several points if its centre is not free.
+    """When a face is large in the image: it is looked at in points if its centre is not free.
 
     Points are the centres of mass of its congruent parts, n x n of them. First all large faces are
     looked at in few; then in many those that still show none, but touch a face that does: mostly
@@ -56,11 +57,13 @@ class Large:
 
     def are_looked_at(self, n: int, shares: Floats, touches: Bools) -> Bools:
         """Return which faces that span some shares of the image are looked at in n x n points."""
-        return shares >= (self.least if n == self.few else np.where(touches, self.least, self.most))
+        if n == self.few:
+            return np.greater_equal(shares, self.least)
+        return np.greater_equal(shares, np.where(touches, self.least, self.most))
 
 
-# Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch none
-# that shows, and show none of their points: tools/bench prints how many.
+# Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch
+# none that shows, and show none of their points: tools/bench prints how many.
 LARGE = Large(1 / 48, 1 / 16)
 
 

@@ -32,8 +32,8 @@ _HARDWARE_BATCH_BYTES, _HARDWARE_BATCH = 64 << 20, 256
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
 _GUARD = 3
-# Share of its depth by which what recedes is drawn farther away: as much as rounding takes of depths
-# of float32 and of a buffer of 24 bits.
+# Share of its depth by which what recedes is drawn farther away: as much as rounding takes of
+# depths of float32 and of a buffer of 24 bits.
 _BACK = 1e-6
 
 

@@ -226,7 +226,12 @@ def _texture(rows: NDArray[Any], rows_a_line: int, texels: int) -> Any:
     filled = np.zeros((lines * rows_a_line, rows.shape[1]), dtype=rows.dtype)
     filled[: len(rows)] = rows
     kind = "u4" if rows.dtype == np.uint32 else "f4"
-    texture = gl_context().texture((rows_a_line * texels, lines), 4, filled, dtype=kind)
+    return texture_of((rows_a_line * texels, lines), 4, kind, filled)
+
+
+def texture_of(size: tuple[int, int], components: int, kind: str, values: Any = None) -> Any:
+    """Return a texture of numbers ("u4" or "f4") that are fetched as they are."""
+    texture = gl_context().texture(size, components, values, dtype=kind, alignment=4)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 

@@ -129,8 +129,8 @@ def asks_about_points(options: VisibilityOptions) -> bool:
     """Return whether maps are made by points of faces, each decided by what may hide it.
 
     So they are by centres of mass, and by pixels at "auto": a face counts where its centre is
-    free, or where one of 64 points of it is, if it is large in the image. At a stated resolution, or
-    where several pixels must show a face, pixels alone decide.
+    free, or where one of several points of it is, if it is large in the image. At a stated
+    resolution, or where several pixels must show a face, pixels alone decide.
     """
     by_pixels = options.criterion == "pixels"
     return not by_pixels or (options.resolution == "auto" and options.min_pixels == 1)
