@@ -26,8 +26,8 @@ Indices = NDArray[np.integer]
 # least and at most. Maps do not depend on them; their time does, and least here, by tools/bench.
 _CELLS_A_SIDE, _FEWEST, _MOST = 1.1, 56, 1024
 # Share of the way by which an occluder must be nearer than a point to hide it, for what float32
-# cannot tell apart is one place, as on the GPU; and share of an edge's reach by which a ray may pass
-# beside it, some steps of float64.
+# cannot tell apart is one place, as on the GPU; and share of an edge's reach by which a ray may
+# pass beside it, some steps of float64.
 _NEARER, _BESIDE = 1e-7, 1e-13
 _PAIRS = 1 << 18  # of points and triangles tested at once
 
@@ -57,9 +57,9 @@ class Large:
 
     def are_looked_at(self, n: int, shares: Floats, touches: Bools) -> Bools:
         """Return which faces that span some shares of the image are looked at in n x n points."""
-        if n == self.few:
-            return np.greater_equal(shares, self.least)
-        return np.greater_equal(shares, np.where(touches, self.least, self.most))
+        touches = touches | (n == self.few)
+        limit: Floats = np.where(touches, self.least, self.most)
+        return shares >= limit
 
 
 # Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch
@@ -93,7 +93,8 @@ def beside(model: Model, seen: Bools, index: Indices) -> Bools:
     """Return which of some faces (n,) share a corner with faces (F,) bool that are seen, (n,)."""
     touched = np.zeros(len(model.vertices), dtype=bool)
     touched[model.faces[seen]] = True
-    return touched[model.faces[index]].any(axis=1)
+    shared: Bools = np.any(touched[model.faces[index]], axis=1)
+    return shared
 
 
 def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
