@@ -66,21 +66,27 @@ void main() {
     u = abs(u);
     v = abs(v);
     d += STEP * dot(u.yzx * v.zxy + u.zxy * v.yzx, u + v);
+    // and of a face that reaches far beyond the image, where its corners are
+    d += STEP * dot(abs(n), max(abs(a), max(abs(b), abs(c))));
 
     // cells: of the box around the face, and row by row between its edges
-    vec2 low = vec2(0.0), high = extent;
+    // The box also ends what rounding lets edges reach beyond a sharp tip.
+    vec2 low = vec2(-FAR), high = vec2(FAR);
     if (min(a.z, min(b.z, c.z)) > near) {
         vec2 p = a.xy / a.z, q = b.xy / b.z, r = c.xy / c.z;
-        low = min(p, min(q, r)) + middle;
-        high = max(p, max(q, r)) + middle;
+        low = min(p, min(q, r)) - ROUNDING * extent;
+        high = max(p, max(q, r)) + ROUNDING * extent;
     }
+    vec4 box = vec4(low, -high);
+    low += middle;
+    high += middle;
     bool is_outside = !is_listed || side == 0.0 || max(a.z, max(b.z, c.z)) <= near
         || any(lessThan(high, vec2(-CELL))) || any(greaterThan(low, extent + CELL));
     ivec2 from = ivec2(clamp(low - CELL, vec2(0.0), extent - 1.0));
     ivec2 to = ivec2(clamp(high + CELL, vec2(0.0), extent - 1.0));
 #ifndef SPREAD
-    ivec2 box = to - from + 1;
-    if (!is_outside && box.x * box.y > MANY) {
+    ivec2 cells = to - from + 1;
+    if (!is_outside && cells.x * cells.y > MANY) {
         uint place = atomicAdd(dispatches[4u * request + 4u], 1u);
         if (place < n_listed) {
             listed[first_spread + place] = face;
@@ -117,7 +123,8 @@ void main() {
             vec3 inside = ex * point.x + ey * point.y + ez * point.z;
             float beyond = dot(n, point);
             bool hides = min(inside.x, min(inside.y, inside.z)) >= 0.0 && beyond > d
-                && near * beyond < d * point.z;
+                && near * beyond < d * point.z
+                && all(greaterThanEqual(vec4(point.xy, -point.xy), box * point.z));
             if (hides) free[next - 1u] = 0u;
             next = record.w;
         }

@@ -136,7 +136,7 @@ class Caster:
         n_records = len(visible) * len(clusters.order)
         self._bind(batch, n_records)
         self._run("ask", batch.asked, clusters.size)
-        self._hide(batch)
+        self._hide(batch, batch.asked.rows["n_listed"] > 0)
         # a record is a place in the order of the clusters
         view, place = np.divmod(self._free(0, n_records), len(clusters.order))
         visible[view, clusters.order[place]] = True
@@ -150,7 +150,7 @@ class Caster:
                 continue
             self._bind(batch, n_records, closer)
             self._run("ask", closer.list, parts**2, f"PARTS {parts}")
-            self._hide(batch)
+            self._hide(batch, closer.list.rows["n_listed"] > 0)
             free = self._free(n_records, parts**2 * len(closer.entries))
             view, place = np.divmod(free, len(clusters.order))
             visible[view, clusters.order[place]] = True
@@ -161,11 +161,12 @@ class Caster:
         """Return whether no face was given up on since all was bound."""
         return not any(self._buffers["unfinished"].read(4))
 
-    def _hide(self, batch: _Batch) -> None:
-        """Find what is hidden of the points that were asked about."""
+    def _hide(self, batch: _Batch, asks: Bools) -> None:
+        """Find what is hidden of the points that some views (n,) bool have asked about."""
         context = gl_context()
         context.memory_barrier()
-        for surface, occluders in zip(batch.question.hiding, batch.hiding, strict=True):
+        for surface, all_occluders in zip(batch.question.hiding, batch.hiding, strict=True):
+            occluders = all_occluders.only(asks)
             surface.use_boxes(_BOXES)
             surface.use_packed(_FACES)
             self._run("keep", occluders, 1)
@@ -278,6 +279,12 @@ class _List:
 
     rows: NDArray[np.void]
     first_row: int
+
+    def only(self, views: Bools) -> _List:
+        """Return the same with nothing listed for other views than some, (n,) bool."""
+        rows = self.rows.copy()
+        rows["n_listed"][~views] = 0
+        return _List(rows, self.first_row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,13 +418,10 @@ class _LargeFaces:
         span *= 1 + _SLACK
         centre, radius = clusters.sphere
         depth = reach[:, None] - backwards @ centre[:3] - radius
-        maybe = batch.candidates & (
-            clusters.longest_edge * span[:, None] >= np.maximum(depth, near[:, None])
-        )
-        view, cluster = np.nonzero(maybe)
-        size = clusters.size
-        view = np.repeat(view, size)
-        place = (cluster[:, None] * size + np.arange(size)).ravel()
+        depth = np.maximum(depth, near[:, None]) / span[:, None]
+        maybe = table.longest.reshape(1, -1, clusters.size) >= depth[..., None]
+        maybe &= batch.candidates[..., None]
+        view, place = np.nonzero(maybe.reshape(len(poses), -1))
         unseen = ~visible[view, table.index[place]]
         view, place = view[unseen], place[unseen]
         # of a face that looks at the eye, and may be large and steep enough
@@ -434,7 +438,9 @@ class _LargeFaces:
         corners[:, 2] *= -1
         kept = reaches(corners, half[view].T, rows["working_range"][view].T)
         view, place, corners = view[kept], place[kept], corners[..., kept]
-        return cls(view, place, spans(corners, half[view].T, near[view]))
+        shares = spans(corners, half[view].T, near[view])
+        kept = shares >= question.large.least
+        return cls(view[kept], place[kept], shares[kept])
 
     def unseen(self, batch: _Batch, parts: int, visible: Bools) -> _Closer:
         """Return those of which no point is visible (n, F) yet, to be looked at in parts."""

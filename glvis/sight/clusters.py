@@ -138,11 +138,6 @@ class Clusters:
         """The faces in the clusters' order."""
         return FaceTable.of(self.model, self.order)
 
-    @cached_property
-    def longest_edge(self) -> Floats:
-        """Of any face of each cluster, (C,)."""
-        return self.table.longest.reshape(len(self), self.size).max(axis=1)
-
     def plane_box(self, middle: Floats) -> Floats:
         """Return the largest, and then least, (n, -n . p) over each cluster's faces, (8, C).
 
