@@ -42,7 +42,8 @@ _STEPS: tuple[tuple[str, str, str, str], ...] = (
     (_CASTER, "Caster", "_free", "read-back"),
     (_MAPPER, "Mapper", "_by_pixels", "GPU: draw"),
     (_RENDERER, "Renderer", "_read_ids", "read-back"),
-    (_MAPPER, "", "faces_in_images", "marking, NumPy"),
+    (_MAPPER, "", "pixels_of_faces", "marking, NumPy"),
+    ("glvis.sight.coincident", "Coincident", "pixels_shared", "marking, NumPy"),
     (_MAPPER, "Mapper", "_by_points", "points, NumPy"),
 )
 
