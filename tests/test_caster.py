@@ -27,6 +27,9 @@ DEVICE = sensor(
     hfov_deg=60, vfov_deg=45, resolution=(180, 140), near=0.3, far=3.4, max_incidence_deg=75
 )
 
+LINE = shapes.triangle((-1, 0, -1), (1, 0, -1), (2, 0, -1))  # without area
+BEHIND = shapes.plate(1, center=(0, 0, 2))  # the eye
+
 
 def scene(seed):
     """Return a body, what hides it, and poses around and inside."""
@@ -110,26 +113,26 @@ def test_work_beyond_one_dispatch_becomes_more_columns(most, monkeypatch):
 
 
 def test_a_plate_over_very_many_cells_hides_a_fine_wall(shaders):
-    wall = shapes.plate(4, center=(0, 0, -3), cells=(100, 100))
-    plate = shapes.plate(1, center=(0.503, 0, -1.5))
+    wall = shapes.plate(3, center=(0, 0, -3), cells=(100, 100))
+    plate = shapes.plate(1, center=(0.303, 0.002, -1.5))
     x, y, _ = shapes.corners(wall).mean(axis=1).T
-    device = sensor(far=3.2)
-    inside = np.hypot(np.maximum(np.abs(x), np.abs(y)), 0) <= 3 * np.tan(np.radians(30))
     # the plate's shadow is twice as large as the plate
-    in_shadow = (np.abs(x - 1.006) <= 1) & (np.abs(y) <= 1)
-    for casts in (True, False):
+    free = (np.abs(x - 0.606) > 1) | (np.abs(y - 0.004) > 1)
+    device = sensor(far=3.2)
+
+    def seen(casts):
         with mapper(wall, [plate], casts=casts, criterion="centroid") as made:
-            assert np.prod(points.grid_size(device, made.model)) > 2 * 4096
-            assert np.array_equal(made.looks(DOWN[None], device)[0], inside & ~in_shadow)
+            cells = points.grid_size(device, made.model)
+            assert np.prod(cells) * (0.5 / np.tan(np.radians(30)) / 1.5) ** 2 > 4096
+            return made.looks(DOWN[None], device)[0]
+
+    assert np.array_equal(seen(True), free) and np.array_equal(seen(False), free)
     # it is the second run that finds it
-    found = shaders("uint face = listed[first_spread + gl_WorkGroupID.x];", "uint face = 0u;")
-    with mapper(wall, [plate], casts=True, criterion="centroid") as made:
-        assert np.array_equal(made.looks(DOWN[None], device)[0], inside)
-    assert any(found)
+    shaders("uint face = listed[first_spread + gl_WorkGroupID.x];", "uint face = 0u; return;")
+    assert seen(True).all()
 
 
-def test_more_large_occluders_than_there_is_room_for_hide_as_well():
-    # every face of the wall's own clusters covers many cells: the list of the second run is full
+def test_large_occluders_that_cross_hide_together():
     wall = shapes.plate(1, center=(0, 0, -3), cells=(60, 60))
     rng = np.random.default_rng(3)
     large = shapes.moved(shapes.soup(rng, 200, 1.0, 0.7), (0, 0, -1.8))
@@ -141,7 +144,7 @@ def test_more_large_occluders_than_there_is_room_for_hide_as_well():
 
 @pytest.mark.parametrize("options", OPTIONS[::2], ids=lambda o: "-".join(o.values()))
 def test_where_the_driver_gives_up_numpy_makes_the_same_map(options, monkeypatch):
-    (body, hides, poses) = scene(1)
+    body, hides, poses = scene(1)
     parts = MapScene(
         (Model.from_arrays("body", *body),),
         (Model.from_arrays("hides", *hides),),
@@ -167,7 +170,7 @@ def test_where_the_driver_gives_up_numpy_makes_the_same_map(options, monkeypatch
     assert cast.any() and np.array_equal(cast, made())
 
 
-def test_a_face_that_a_loop_is_cut_short_of_is_reported(shaders):
+def test_a_loop_that_is_cut_short_is_reported(shaders):
     shaders("if (y > to.y) break;", "break;")
     body, obstacle, poses = scene(0)
     with mapper(body, [obstacle], casts=True) as made:
@@ -183,8 +186,8 @@ def test_a_face_that_a_loop_is_cut_short_of_is_reported(shaders):
 @pytest.mark.parametrize(
     ("shape", "poses"),
     [
-        (shapes.triangle((0, 0, -2), (1, 0, -2), (2, 0, -2)), DOWN[None]),  # without area
-        (shapes.plate(1, center=(0, 0, 2)), DOWN[None]),  # behind the eye
+        (shapes.merged(LINE, BEHIND), DOWN[None]),
+        (BEHIND, DOWN[None]),
         (shapes.flipped(shapes.plate(1, center=(0, 0, -2))), DOWN[None]),  # looks away
         (shapes.plate(1, center=(0, 0, -2)), np.zeros((0, 4, 4))),
     ],
@@ -196,8 +199,8 @@ def test_nothing_to_see_makes_empty_maps(shape, poses, options):
 
 
 def test_an_obstacle_without_area_hides_nothing():
-    line = shapes.triangle((-1, 0, -1), (1, 0, -1), (2, 0, -1))
-    with mapper(shapes.plate(1, center=(0, 0, -2)), [line], casts=True) as made:
+    hides = shapes.merged(LINE, BEHIND)
+    with mapper(shapes.plate(1, center=(0, 0, -2)), [hides], casts=True) as made:
         assert made.looks(DOWN[None], sensor()).all()
 
 
@@ -242,9 +245,12 @@ def test_the_shaders_are_told_what_they_read():
         ("if (hides) free[next - 1u] = 0u;", ""),
         ("&& beyond > d", "&& beyond < d"),
         ("if (hides) break;", "hides = false;"),  # keep
-        ("uv.x + uv.y > float(PARTS) - 0.5", "false"),
-        ("#ifdef SPREAD\n    uint face", "#ifdef NEVER\n    uint face"),
-        ("free[record] = own + 1u;", "free[record] = record + 1u;"),
+        pytest.param(
+            *("free[record] = own + 1u;", "free[record] = record + 1u;"),
+            marks=pytest.mark.xfail(
+                strict=True, raises=IndexError, reason="records of no face end the self-test"
+            ),
+        ),
         ("towards > 0.0", "towards < 0.0"),
     ],
 )
