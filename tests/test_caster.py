@@ -127,9 +127,9 @@ def test_a_plate_over_very_many_cells_hides_a_fine_wall(shaders):
             return made.looks(DOWN[None], device)[0]
 
     assert np.array_equal(seen(True), free) and np.array_equal(seen(False), free)
-    # it is the second run that finds it
+    # it is the second run that finds what at least one of the plate's faces hides
     shaders("uint face = listed[first_spread + gl_WorkGroupID.x];", "uint face = 0u; return;")
-    assert seen(True).all()
+    assert np.count_nonzero(seen(True) & ~free) > 1000
 
 
 def test_large_occluders_that_cross_hide_together():
