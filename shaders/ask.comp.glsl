@@ -30,13 +30,13 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own) {
     vec3 back = eye.xyz - point;
     float towards = dot(normal, back);
     bool passes = place.z >= working_range.x && place.z <= working_range.y;
-    passes = passes && all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, vec2(size)));
+    passes = passes && all(greaterThanEqual(at, vec2(0.0))) && all(lessThanEqual(at, vec2(size)));
     passes = passes && towards > 0.0
         && towards * towards >= min_ray_cos * min_ray_cos * dot(back, back)
         && dot(normal, backwards.xyz) >= backwards.w;
     if (wanted && passes) {
         free[record] = own + 1u;
-        ivec2 cell = ivec2(at);
+        ivec2 cell = min(ivec2(at), size - 1);
         imageAtomicMax(
             tiles, cell / TILE + ivec2(0, first_tile_row), floatBitsToUint(place.z)
         );
@@ -48,7 +48,7 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own) {
 void main() {
 #ifdef PARTS
     const uint points = uint(PARTS * PARTS);
-    uint i = gl_GlobalInvocationID.x, k = i % points, entry = listed[first_listed + i / points];
+    uint i = invocation(), k = i % points, entry = listed[first_listed + i / points];
     bool is_listed = entry != 0u;
     uint face = max(entry, 1u) - 1u;
     vec3[3] corners = corners_of(face);

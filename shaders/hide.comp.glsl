@@ -27,6 +27,7 @@ const float ROUNDING = 3.0 * STEP;
 const float CELL = 1e-3;        // margin around cells; harmless: it only makes more of them visited
 const float FAR = 1e9;          // beyond all cells
 const int MANY = 4096;          // cells from which a face is left to the second run
+const uint MOST_GROUPS = 65535u;    // in one direction, as every OpenGL takes them
 
 void main() {
 #ifdef SPREAD
@@ -66,8 +67,12 @@ void main() {
     u = abs(u);
     v = abs(v);
     d += STEP * dot(u.yzx * v.zxy + u.zxy * v.yzx, u + v);
-    // and of a face that reaches far beyond the image, where its corners are
+    // and where its corners are, of a face that reaches far beyond the image
     d += STEP * dot(abs(n), max(abs(a), max(abs(b), abs(c))));
+    // and all coordinates, of a face far from the origin
+    vec3 most = max(abs(corners[0]), max(abs(corners[1]), abs(corners[2]))) + abs(eye.xyz);
+    mat3 turn = mat3(abs(world_to_grid[0].xyz), abs(world_to_grid[1].xyz), abs(world_to_grid[2].xyz));
+    d += 2.0 * STEP * dot(abs(n), turn * most);
 
     // cells: of the box around the face, and row by row between its edges
     // The box also ends what rounding lets edges reach beyond a sharp tip.
@@ -87,16 +92,17 @@ void main() {
 #ifndef SPREAD
     ivec2 cells = to - from + 1;
     if (!is_outside && cells.x * cells.y > MANY) {
-        uint place = atomicAdd(dispatches[4u * request + 4u], 1u);
-        if (place < n_listed) {
+        uint place = atomicAdd(dispatches[4u * request + 7u], 1u);
+        if (place < min(n_listed, MOST_GROUPS)) {
+            atomicAdd(dispatches[4u * request + 4u], 1u);
             listed[first_spread + place] = face;
             is_outside = true;
         }
     }
 #endif
     bvec3 on_left = greaterThan(ex, vec3(0.0)), on_right = lessThan(ex, vec3(0.0));
-    vec3 inverse = -1.0 / mix(vec3(1.0), ex, notEqual(ex, vec3(0.0)));
-    vec3 slope = ey * inverse, start = (ez - ex * middle.x - ey * middle.y) * inverse;
+    vec3 over_ex = -1.0 / mix(vec3(1.0), ex, notEqual(ex, vec3(0.0)));
+    vec3 slope = ey * over_ex, start = (ez - ex * middle.x - ey * middle.y) * over_ex;
     vec3 margin = CELL + ROUNDING * (abs(start) + abs(slope) * extent.y);
     vec3 left = mix(vec3(-FAR), start + min(slope, 0.0) - margin, on_left);
     vec3 right = mix(vec3(FAR), start + max(slope, 0.0) + margin, on_right);

@@ -75,9 +75,16 @@ def has_compute() -> bool:
 
 
 def can_hold(n_faces: int) -> bool:
-    """Return whether one view's records of so many faces fit into a storage buffer."""
-    limit = gl_context().info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]
-    return 4 * (n_faces + _GROUP * min(n_faces, _MOST_GROUPS)) <= int(limit)
+    """Return whether one view's records of so many faces fit where they must."""
+    return _fits(n_faces + _GROUP)  # the last cluster is filled up
+
+
+def _fits(n_records: int) -> bool:
+    """Return whether so many records fit into a storage buffer and a texture."""
+    info = gl_context().info
+    lines = n_records // _RECORDS_A_LINE + 1
+    fits = lines <= int(info["GL_MAX_TEXTURE_SIZE"])
+    return fits and 4 * n_records <= int(info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
 
 
 class Caster:
@@ -148,6 +155,8 @@ class Caster:
             closer = faces.unseen(batch, parts, visible)
             if not len(closer.entries):
                 continue
+            if not _fits(n_records + parts**2 * len(closer.entries)):
+                return False
             self._bind(batch, n_records, closer)
             self._run("ask", closer.list, parts**2, f"PARTS {parts}")
             self._hide(batch, closer.list.rows["n_listed"] > 0)
@@ -169,7 +178,7 @@ class Caster:
             occluders = all_occluders.only(asks)
             surface.use_boxes(_BOXES)
             surface.use_packed(_FACES)
-            self._run("keep", occluders, 1)
+            self._run("keep", occluders, 1, in_columns=False)
             context.memory_barrier()
             for second, defines in enumerate(([], ["SPREAD"])):
                 hide = compiled_compute("hide", *defines)
@@ -179,14 +188,16 @@ class Caster:
                     hide.run_indirect(self._buffers["dispatches"], 16 * request)
                 context.memory_barrier()
 
-    def _run(self, name: str, clusters: _List, invocations: int, *defines: str) -> None:
+    def _run(
+        self, name: str, clusters: _List, invocations: int, *defines: str, in_columns: bool = True
+    ) -> None:
         """Run a pass with so many invocations for each that is listed, view by view."""
         program = compiled_compute(name, *defines)
         listed = clusters.rows["n_listed"]
         groups = -(-listed.astype(np.int64) * invocations // _GROUP)
         for row in np.flatnonzero(listed).tolist():
             self._tell(clusters, row)
-            column = int(clusters.rows["groups_a_column"][row])
+            column = int(clusters.rows["groups_a_column"][row]) if in_columns else 1
             program.run(-(-int(groups[row]) // column), column)
 
     def _tell(self, clusters: _List, row: int) -> None:
@@ -458,12 +469,13 @@ class _LargeFaces:
                 mine = slice(*np.searchsorted(self.view, [k, k + 1]))
                 touches[mine] = beside(clusters.model, visible[k], face[mine])
         some = np.flatnonzero(unseen & large.are_looked_at(parts, self.shares, touches))
-        entries, begin, n = _filled(
-            self.view[some], self.place[some], len(rows), _GROUP // parts**2
-        )
+        most = int(np.bincount(self.view[some], minlength=1).max()) * parts**2
+        groups = max(1, -(-most // (_GROUP * _MOST_GROUPS)))
+        multiple = groups * _GROUP // parts**2
+        entries, begin, n = _filled(self.view[some], self.place[some], len(rows), multiple)
         told = rows.copy()
         told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
-        told["groups_a_column"] = 1
+        told["groups_a_column"] = groups
         told["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
         return _Closer(parts, entries, _List(told, len(rows) * (1 + len(batch.hiding))))
 

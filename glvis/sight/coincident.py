@@ -21,7 +21,7 @@ Bools = NDArray[np.bool_]
 Indices = NDArray[np.integer]
 
 # Of the model's extent, and of a unit normal: bins in which faces of one plane fall together.
-_OFFSET_BIN, _NORMAL_BIN = 1e-5, 1e-3
+_OFFSET_BIN, _NORMAL_BIN = 3e-4, 1e-3
 # Of the model's extent: how far apart faces are that float32 can tell apart, its coordinates being
 # rounded to 2^-24 of it and each corner by itself.
 _APART = 3e-7
@@ -109,11 +109,11 @@ def _pairs(model: Model) -> tuple[Indices, Indices]:
     extent = float(np.ptp(model.bounds, axis=0).max())
     middle = model.bounds.mean(axis=0)
     normals = model.normals[faces]
-    # one direction for both sides of a plane
-    axis = np.argmax(np.abs(normals) > 0.5, axis=1)
-    normals = normals * np.sign(normals[np.arange(len(faces)), axis])[:, None]
     offsets = np.sum(normals * (model.centroids[faces] - middle), axis=1)
-    values = np.column_stack([normals / _NORMAL_BIN, offsets / (_OFFSET_BIN * extent)])
+    planes = np.column_stack([normals / _NORMAL_BIN, offsets / (_OFFSET_BIN * extent)])
+    # a plane has two directions; each face stands for both
+    faces = np.concatenate([faces, faces])
+    values = np.concatenate([planes, -planes])
     found = []
     for shift in (0.0, 0.5):  # what one grid of bins parts, the other does not
         x, y, z, offset = np.floor(values + shift).astype(np.int64).T
@@ -121,6 +121,7 @@ def _pairs(model: Model) -> tuple[Indices, Indices]:
         key = (((x << 11) + y << 11) + z << 20) + offset
         _, group = np.unique(key, return_inverse=True)
         one, other = _overlapping(model, faces, group, _APART * extent)
+        one, other = one[one != other], other[one != other]
         found.append(np.minimum(one, other) * model.n_faces + np.maximum(one, other))
     one, other = np.divmod(np.unique(np.concatenate(found)), model.n_faces)
     return one, other

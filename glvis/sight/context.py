@@ -25,6 +25,8 @@ from glvis.errors import MachineError
 _ENVIRONMENT = "GLVIS_GL"
 _MAX_EGL_DEVICES = 32
 _GL_VERSION = 330  # core profile that every driver of the last fifteen years runs
+# Asked for in this order: some drivers give just the version asked for, others their latest.
+_GL_VERSIONS = (460, 450, 430, _GL_VERSION)
 _INSTALL_HINT = (
     "on Debian or Ubuntu: apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, "
     "or libosmesa6 for OSMesa"
@@ -136,10 +138,7 @@ def _egl_context() -> moderngl.Context:
     failure: Exception = RuntimeError("no device")
     for device_index in range(_MAX_EGL_DEVICES):
         try:
-            native = _with_library_names(make, device_index)
-            context = moderngl.create_context(require=_GL_VERSION, context=native)
-            _probe(context)
-            return context
+            return _latest(make, device_index)
         except Exception as error:
             failure = error if device_index == 0 else failure
             found = re.search(r"requested device index \d+, but found (\d+)", str(error))
@@ -152,12 +151,27 @@ def _egl_context() -> moderngl.Context:
     raise failure
 
 
-def _with_library_names(make: Any, device_index: int) -> Any:
+def _latest(make: Any, device_index: int) -> moderngl.Context:
+    """Return a context of the latest version that an EGL device has."""
+    for version in _GL_VERSIONS:
+        try:
+            native = _with_library_names(make, device_index, version)
+            context = moderngl.create_context(require=version, context=native)
+            _probe(context)
+        except Exception:
+            if version == _GL_VERSIONS[-1]:
+                raise
+        else:
+            return context
+    raise AssertionError("the last version returns or raises")
+
+
+def _with_library_names(make: Any, device_index: int, version: int) -> Any:
     """Return a native EGL context; versioned names first, slim images have no others."""
     try:
         return make(
             mode="standalone",
-            glversion=_GL_VERSION,
+            glversion=version,
             device_index=device_index,
             libegl="libEGL.so.1",
             libgl="libGL.so.1",
@@ -165,7 +179,7 @@ def _with_library_names(make: Any, device_index: int) -> Any:
     except Exception as error:
         if "libEGL" not in str(error) and "libGL" not in str(error):
             raise
-        return make(mode="standalone", glversion=_GL_VERSION, device_index=device_index)
+        return make(mode="standalone", glversion=version, device_index=device_index)
 
 
 def _osmesa_context() -> moderngl.Context:

@@ -52,7 +52,7 @@ class Large:
 
     least: float
     most: float
-    few: int = 4
+    few: int = 2
     many: int = 8
 
     def are_looked_at(self, n: int, shares: Floats, touches: Bools) -> Bools:
@@ -64,7 +64,7 @@ class Large:
 
 # Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch
 # none that shows, and show none of their points: tools/bench prints how many.
-LARGE = Large(1 / 48, 1 / 16)
+LARGE = Large(1 / 96, 1 / 16)
 
 
 @dataclass(frozen=True, eq=False)
