@@ -2,8 +2,9 @@
 // Writes the ID of the face that a pixel shows, or 0 where the sensor refuses it (Sec. 2.1.1:
 // CropBack and CropNorm by the incidence, CropNear and maxD by the depth along the optical axis).
 // in:  id, height   of the face, see id_buffer.vert.glsl
-// out: face_id      into the R32UI target; into the depth buffer goes the depth along the optical axis
-//                   as a share of clip_range: OpenGL's own would tell far things apart badly
+// out: face_id      into the R32UI target; depth goes into the depth buffer untouched, or, where
+//                   EVEN_DEPTH is defined, along the optical axis as a share of clip_range:
+//                   OpenGL's own tells far things apart badly if the range begins very near
 // REFUSED_HIDE is defined where back and too oblique faces hide what lies behind them.
 flat in uint id;
 flat in float height;
@@ -12,9 +13,11 @@ uniform vec4 pixel_to_tangent;  // scale xy and offset zw from gl_FragCoord.xy t
 uniform float min_ray_cos;      // cosine of the largest incidence by the true ray, or 0: any
 uniform float min_distance;     // working range as depth along the optical axis, scene unit
 uniform float max_distance;
+#ifdef EVEN_DEPTH
 uniform vec2 clip_range;        // depths that the depth buffer holds, scene unit
 uniform float back;             // share of the depth by which a face recedes behind what lies in
                                 // one place with it
+#endif
 
 out uint face_id;
 
@@ -28,5 +31,7 @@ void main() {
 #endif
     bool in_range = depth >= min_distance && depth <= max_distance;
     face_id = faces && in_range ? id : 0u;
+#ifdef EVEN_DEPTH
     gl_FragDepth = (depth * (1.0 + back) - clip_range.x) / (clip_range.y - clip_range.x);
+#endif
 }

@@ -75,7 +75,7 @@ def test_an_id_beyond_two_to_the_24_and_31_is_exact():
         class _One:
             """A surface of the one triangle."""
 
-            def draw(self, program, mask, by_face, layout=layout):
+            def draw(self, program, mask, layout=layout):
                 layout.draw(program, mask)
 
         selection = r.Selection(_One(), np.ones((1, 1), dtype=bool))

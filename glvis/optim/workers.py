@@ -29,7 +29,7 @@ from glvis.sight.maps import Bits, MapJob, MapScene
 
 # Seconds that a worker may take before it counts as hung: to start, for a job at least, and at
 # most; between the two, so many times longer than any job before, pose for pose. Within a job
-# of quick maps the coarser occluders of a model of millions of faces may have to be made.
+# of quick maps a driver may give up on one of millions of faces, and NumPy has to make it.
 PATIENCE_START, PATIENCE, PATIENCE_MOST, PATIENCE_FACTOR = 300.0, 60.0, 540.0, 20.0
 _MOST_DEATHS = 3  # in a row at the start, or over the same maps: then it is no accident
 _AHEAD = 2  # jobs that a worker holds, so that it need not wait for the next one

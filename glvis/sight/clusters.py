@@ -66,7 +66,7 @@ class Clusters:
         The faces themselves.
     order : (C * size,) int32
         Face indices by cluster; the last cluster is padded by its own last face. Faces
-        without area are left out, no pixel ever shows them.
+        without area are left out: nothing ever shows of them.
     size : int
         Faces a cluster.
     """

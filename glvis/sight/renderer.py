@@ -32,9 +32,11 @@ _HARDWARE_BATCH_BYTES, _HARDWARE_BATCH = 64 << 20, 256
 # middle, so that hardly any face is cut by the sides of the clip volume: a software rasteriser
 # cuts faces slowly, while what falls outside the image costs nothing.
 _GUARD = 3
-# Share of its depth by which what recedes is drawn farther away: as much as rounding takes of
-# depths of float32 and of a buffer of 24 bits.
-_BACK = 1e-6
+# What recedes is drawn farther away by as much as rounding takes of depths of float32 and of a
+# buffer of 24 bits: a share of its depth, or so many steps of OpenGL's own depth. That is good
+# enough where the clip planes lie at most so many times apart, and quicker, as no shader need write
+# depths.
+_BACK, _STEPS_BACK, _APART = 1e-6, 8.0, 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +47,8 @@ class Selection:
     ----------
     surface : Surface
         Of which model.
-    mask : (N, C) or (N, F) bool
-        Clusters to draw, or single faces where ``by_face``.
-    by_face : bool
-        How to read ``mask``.
+    mask : (N, C) bool
+        Clusters to draw.
     sides : str
         Of its faces: "front", "back", or "both".
     recedes : bool
@@ -57,7 +57,6 @@ class Selection:
 
     surface: Surface
     mask: Bools
-    by_face: bool = False
     sides: str = "both"
     recedes: bool = False
 
@@ -146,12 +145,19 @@ class Renderer(Held):
     ) -> Iterator[tuple[int, int]]:
         """Draw the views, ``tiles`` at a time; yield the first view and the number drawn."""
         context = gl_context()
-        program = compiled("id_buffer", *["REFUSED_HIDE"] * refused_hide)
+        is_even = views.clip_far > _APART * views.clip_near
+        programs = {
+            even: compiled("id_buffer", *["REFUSED_HIDE"] * refused_hide, *["EVEN_DEPTH"] * even)
+            for even in np.unique(is_even).tolist()
+        }
         width, height = self.resolution
         side = self._guard // 2
         # wider than the image: see _GUARD
         viewport = (-side * width, -side * height, self._guard * width, self._guard * height)
-        uniforms = _uniforms(views, self.resolution, self._guard, origin, program)
+        uniforms = {
+            even: _uniforms(views, self.resolution, self._guard, origin, program)
+            for even, program in programs.items()
+        }
         for first in range(0, len(views), self.tiles):
             n = min(self.tiles, len(views) - first)
             for view, target in enumerate(self._targets[:n], start=first):
@@ -162,16 +168,21 @@ class Renderer(Held):
                 framebuffer.use()
                 framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
                 framebuffer.viewport = viewport
-                for name, rows in uniforms.items():
+                even = bool(is_even[view])
+                program = programs[even]
+                for name, rows in uniforms[even].items():
                     write(program, name, rows[view])
                 for one in selections:
                     write(program, "back", np.float32(_BACK if one.recedes else 0))
+                    steps = _STEPS_BACK if one.recedes and not even else 0.0
+                    context.polygon_offset = 0.0, steps
                     if one.sides == "both":
                         context.disable(moderngl.CULL_FACE)
                     else:
                         context.enable(moderngl.CULL_FACE)
                         context.cull_face = "back" if one.sides == "front" else "front"
-                    one.surface.draw(program, one.mask[view], one.by_face)
+                    one.surface.draw(program, one.mask[view])
+                context.polygon_offset = 0.0, 0.0
             yield first, n
 
 
@@ -223,8 +234,14 @@ def write(program: Any, name: str, value: Any) -> None:
 
 
 def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Floats:
-    """Return distances along the optical axis, scene unit, for depth buffer values [0, 1]."""
-    return near + depth.astype(np.float64) * (far - near)
+    """Return distances along the optical axis, scene unit, for depth buffer values [0, 1].
+
+    ``near`` and ``far`` are the view's clip planes.
+    """
+    value = depth.astype(np.float64)
+    if far > _APART * near:
+        return near + value * (far - near)
+    return 2 * far * near / (far + near - (2 * value - 1) * (far - near))
 
 
 def _uniforms(

@@ -57,12 +57,10 @@ class Surface:
         middle, step = _lattice(clusters)
         self.lattice = (*(middle - origin).tolist(), step)
 
-    def draw(self, program: Any, mask: Bools, by_face: bool) -> None:
-        """Draw chosen clusters (C,) bool, or chosen faces (F,) bool of the model, if any."""
+    def draw(self, program: Any, mask: Bools) -> None:
+        """Draw chosen clusters (C,) bool, if any."""
         if not mask.any():
             return
-        if by_face:
-            mask = mask[self.clusters.order]
         self._layout("ids" if "face_id" in program else "positions").draw(program, mask)
 
     def use_packed(self, unit: int) -> None:
