@@ -29,7 +29,7 @@ _CELLS_A_SIDE, _FEWEST, _MOST = 1.1, 56, 1024
 # cannot tell apart is one place, as on the GPU; and share of an edge's reach by which a ray may
 # pass beside it, some steps of float64.
 _NEARER, _BESIDE = 1e-7, 1e-13
-_PAIRS = 1 << 18  # of points and triangles tested at once
+_PAIRS = 1 << 22  # of points and triangles tested at once, at most
 
 
 @dataclass(frozen=True)
@@ -174,10 +174,12 @@ def unhidden(points: Floats, triangles: Floats, near: float) -> Bools:
         return free
     tangent = points[:2] / points[2]
     planes = _Planes.of(triangles, np.abs(tangent).max(axis=1))
-    point, triangle = _Cells.of(tangent).pairs(triangles, near)
-    for first in range(0, len(point), _PAIRS):
-        p, t = point[first : first + _PAIRS], triangle[first : first + _PAIRS]
-        free[p[planes.hide(t, points.take(p, axis=1), near)]] = False
+    cells = _Cells.of(tangent)
+    at_once = max(1, _PAIRS // points.shape[1])
+    for first in range(0, triangles.shape[2], at_once):
+        point, triangle = cells.pairs(triangles[..., first : first + at_once], near)
+        hidden = planes.hide(first + triangle, points.take(point, axis=1), near)
+        free[point[hidden]] = False
     return free
 
 
