@@ -10,7 +10,7 @@ from sight import DOWN, mapper, random_poses, seen, sensor
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
-from glvis.sight import caster, points, selftest, surface
+from glvis.sight import batch, caster, points, selftest, surface
 from glvis.sight.caster import Caster
 from glvis.sight.maps import LocalMaps, MapJob, MapScene
 from glvis.sight.visibility import VisibilityOptions
@@ -109,7 +109,7 @@ def test_maps_do_not_depend_on_the_grid(seed, monkeypatch):
 @pytest.mark.parametrize("most", [1, 3])
 def test_work_beyond_one_dispatch_becomes_more_columns(most, monkeypatch):
     whole = visible(0)
-    monkeypatch.setattr(caster, "_MOST_GROUPS", most)
+    monkeypatch.setattr(batch, "MOST_GROUPS", most)
     assert np.array_equal(whole, visible(0))
 
 
@@ -229,7 +229,7 @@ def test_the_shaders_are_told_what_they_read():
     block = re.search(r"uniform View \{(.*?)\};", source, re.DOTALL)[1]
     names = re.findall(r"^\s*(\w+) (\w+);", block, re.MULTILINE)
     words = {"mat4": 16, "vec4": 4, "vec2": 2, "ivec2": 2, "float": 1, "int": 1, "uint": 1}
-    told = caster._VIEW
+    told = batch.VIEW
     assert [(name, 4 * words[kind]) for kind, name in names] == [
         (name, told[name].itemsize) for name in told.names[:-1]
     ]

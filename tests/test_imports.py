@@ -45,7 +45,8 @@ ARROWS = {
     "renderer": "camera context errors surface views",
     "culling": "renderer surface views",
     "points": "scene sensor surface",
-    "caster": "context culling points surface views",
+    "batch": "culling points surface views",
+    "caster": "batch context culling points surface views",
     "visibility": "sensor",
     "pieces": "scene sensor visibility",
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"

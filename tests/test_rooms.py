@@ -63,7 +63,7 @@ def test_the_truth_is_that_of_an_independent_ray_caster(rng, monkeypatch):
         assert not found[~in_view].any()
 
 
-def test_area_seen_by_ten_random_layouts_is_that_of_rays(study):
+def assert_ten_layouts_are_right(study):
     rng = np.random.default_rng(7)
     low, high = study.rig.bounds.T
     with Evaluator(study) as evaluator:
@@ -72,6 +72,10 @@ def test_area_seen_by_ten_random_layouts_is_that_of_rays(study):
             (seen,) = evaluator.visibility_of_poses(poses)
             truth = 100 * rooms.true_area_share(poses, 0.02)
             assert area_seen(study.models[0], seen) == pytest.approx(truth, abs=POINT)
+
+
+def test_area_seen_by_ten_random_layouts_is_that_of_rays(study):
+    assert_ten_layouts_are_right(study)
 
 
 def test_area_seen_by_what_the_search_finds_is_that_of_rays(study):
@@ -83,14 +87,7 @@ def test_area_seen_by_what_the_search_finds_is_that_of_rays(study):
 
 def test_at_the_sensors_pixels_it_is_too(tmp_path):
     study = load_study(rooms.write_room_study(tmp_path), ["visibility.resolution=sensor"])
-    rng = np.random.default_rng(7)
-    low, high = study.rig.bounds.T
-    with Evaluator(study) as evaluator:
-        for _ in range(10):
-            poses = study.rig.poses(rng.uniform(low, high))
-            (seen,) = evaluator.visibility_of_poses(poses)
-            truth = 100 * rooms.true_area_share(poses, 0.02)
-            assert area_seen(study.models[0], seen) == pytest.approx(truth, abs=POINT)
+    assert_ten_layouts_are_right(study)
 
 
 def test_without_the_cut_check_warns(tmp_path, capsys):

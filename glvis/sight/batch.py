@@ -1,0 +1,313 @@
+"""What the shaders that cast are told: which clusters, and which faces, each view has to do with.
+
+One table of numbers and one list serve all views that are looked at together, so that little is
+sent to the GPU and seldom. See ``caster`` for what is done with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glvis.sight.culling import Chosen
+from glvis.sight.points import Question, beside, reaches, spans
+from glvis.sight.surface import Surface
+from glvis.sight.views import NEAREST, Views
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Words = NDArray[np.uint32]
+Indices = NDArray[np.integer]
+
+# The block View of view.glsl, name by name; a uniform block may begin at any multiple of 256 bytes.
+VIEW = np.dtype(
+    [
+        ("world_to_grid", "f4", 16),
+        ("lattice", "f4", 4),
+        ("eye", "f4", 4),
+        ("backwards", "f4", 4),
+        ("working_range", "f4", 2),
+        ("min_ray_cos", "f4"),
+        ("near", "f4"),
+        ("size", "i4", 2),
+        ("first_row", "i4"),
+        ("first_tile_row", "i4"),
+        ("first_listed", "u4"),
+        ("n_listed", "u4"),
+        ("first_kept", "u4"),
+        ("first_spread", "u4"),
+        ("request", "u4"),
+        ("size_log2", "u4"),
+        ("groups_a_column", "u4"),
+        ("first_record", "u4"),
+        ("first_extra", "u4"),
+        ("filler", "u4", 19),
+    ]
+)
+# As the shaders have them: cells along a tile, invocations a work group; and the work groups that
+# every OpenGL takes along one direction.
+TILE, GROUP, MOST_GROUPS = 8, 64, 65535
+_SLACK = 1e-5  # of what faces span in the image, which float32 may round
+
+
+@dataclass(frozen=True, eq=False)
+class ViewList:
+    """What n views are told of one surface, and where its clusters are listed for each.
+
+    Attributes
+    ----------
+    rows : (n,) VIEW
+        One a view.
+    first_row : int
+        Where they begin in all that is told.
+    """
+
+    rows: NDArray[np.void]
+    first_row: int
+
+    def only(self, views: Bools) -> ViewList:
+        """Return the same with nothing listed for other views than some, (n,) bool."""
+        rows = self.rows.copy()
+        rows["n_listed"][~views] = 0
+        return ViewList(rows, self.first_row)
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What the shaders are told of n views that are looked at together.
+
+    Attributes
+    ----------
+    question : Question
+        What is asked.
+    asked : ViewList
+        Clusters that may have a face to count.
+    candidates : (n, C) bool
+        The same.
+    tan_half : (n, 2) float64
+        Tangents of the views' half opening angles.
+    hiding : list of ViewList
+        Clusters in the frusta, of each surface that hides.
+    listed : (L,) uint32
+        All lists, and room for what is kept of them.
+    dispatches : (2 * n * surfaces, 4) uint32
+        Work groups and number of the clusters that are kept, and of faces that cover many cells,
+        as long as there are none.
+    """
+
+    question: Question
+    asked: ViewList
+    candidates: Bools
+    tan_half: Floats
+    hiding: list[ViewList]
+    listed: Words
+    dispatches: Words
+
+    @classmethod
+    def of(
+        cls,
+        views: Views,
+        some: slice,
+        question: Question,
+        chosen: Mapping[Surface, Chosen],
+        origin: Floats,
+    ) -> Batch:
+        """Return the batch of some of the views; all else as for ``Caster.visible``."""
+        told = _of_views(views, some, question, origin)
+        n = len(told)
+        asked, hiding, parts, first = None, [], [], 0
+        masks = [(question.targets, chosen[question.targets].candidates)]
+        masks += [(surface, chosen[surface].to_draw.mask) for surface in question.hiding]
+        for number, (surface, mask) in enumerate(masks):
+            entries, begin, n_listed, groups = _listed(mask[some], surface)
+            rows = told.copy()
+            rows["lattice"] = surface.lattice
+            rows["size_log2"] = surface.clusters.size.bit_length() - 1
+            rows["groups_a_column"] = groups
+            rows["first_listed"], rows["n_listed"] = first + begin, n_listed
+            parts.append(entries)
+            first += len(entries)
+            if number:
+                rows["request"] = 2 * ((number - 1) * n + np.arange(n))
+                rows["first_kept"] = first + begin
+                rows["first_spread"] = first + len(entries) + begin
+                parts.append(np.zeros(2 * len(entries), dtype=np.uint32))
+                first += 2 * len(entries)
+                hiding.append(ViewList(rows, number * n))
+            else:
+                rows["first_record"] = len(surface.clusters.order) * np.arange(n)
+                asked = ViewList(rows, 0)
+        assert asked is not None
+        dispatches = np.ones((len(hiding), n, 2, 4), dtype=np.uint32)
+        dispatches[..., [0, 3]] = 0
+        for request, one in zip(dispatches, hiding, strict=True):
+            request[:, 0, 1] = one.rows["groups_a_column"]
+        return cls(
+            question,
+            asked,
+            masks[0][1][some],
+            views.tan_half[some],
+            hiding,
+            np.concatenate(parts),
+            dispatches.reshape(-1, 4),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Closer:
+    """Faces of the targets that are looked at in several points, view by view.
+
+    Attributes
+    ----------
+    parts : int
+        Points are the centres of mass of a face's parts x parts congruent parts.
+    entries : (K,) uint32
+        Places + 1 in the order of the clusters; a view's are filled up by zeros.
+    list : ViewList
+        What is told.
+    """
+
+    parts: int
+    entries: Words
+    list: ViewList
+
+
+@dataclass(frozen=True, eq=False)
+class LargeFaces:
+    """Faces of the targets that are large in the image and of which the centre is not free.
+
+    Attributes
+    ----------
+    view, place : (K,) int
+        Which view of a batch, and place in the order of the clusters; view by view.
+    shares : (K,) float64
+        Of the image's width or height, that they span.
+    """
+
+    view: Indices
+    place: Indices
+    shares: Floats
+
+    @classmethod
+    def of(cls, batch: Batch, poses: Floats, visible: Bools) -> LargeFaces:
+        """Return those of a batch, from poses (n, 4, 4), whose centre is not visible (n, F)."""
+        question, rows, half = batch.question, batch.asked.rows, batch.tan_half
+        clusters = question.targets.clusters
+        model, table = clusters.model, clusters.table
+        assert question.large is not None
+        near = rows["near"].astype(float)
+        backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
+        reach = np.sum(backwards * eyes, axis=1)
+        # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
+        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1) / question.large.least
+        span *= 1 + _SLACK
+        centre, radius = clusters.sphere
+        depth = reach[:, None] - backwards @ centre[:3] - radius
+        depth = np.maximum(depth, near[:, None]) / span[:, None]
+        maybe = table.longest.reshape(1, -1, clusters.size) >= depth[..., None]
+        maybe &= batch.candidates[..., None]
+        view, place = np.nonzero(maybe.reshape(len(poses), -1))
+        unseen = ~visible[view, table.index[place]]
+        view, place = view[unseen], place[unseen]
+        # of a face that looks at the eye, and may be large and steep enough
+        to_eye = eyes[view].T - table.centroids[:, place]
+        edge, normal = table.longest[place], table.normals[:, place]
+        height = np.sum(normal * to_eye, axis=0)
+        distance = np.sqrt(np.sum(to_eye**2, axis=0)) - edge
+        depth = np.sum(backwards[view].T * to_eye, axis=0) - edge
+        kept = (height > 0) & (edge * span[view] >= np.maximum(depth, near[view]))
+        kept &= height >= (1 - _SLACK) * rows["min_ray_cos"][view] * distance
+        view, place = view[kept], place[kept]
+        corners = model.vertices[model.faces[table.index[place]]] - eyes[view, None]
+        corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
+        corners[:, 2] *= -1
+        kept = reaches(corners, half[view].T, rows["working_range"][view].T)
+        view, place, corners = view[kept], place[kept], corners[..., kept]
+        shares = spans(corners, half[view].T, near[view])
+        kept = shares >= question.large.least
+        return cls(view[kept], place[kept], shares[kept])
+
+    def unseen(self, batch: Batch, parts: int, visible: Bools) -> Closer:
+        """Return those of which no point is visible (n, F) yet, to be looked at in parts."""
+        clusters, rows, large = (
+            batch.question.targets.clusters,
+            batch.asked.rows,
+            batch.question.large,
+        )
+        assert large is not None
+        face = clusters.order[self.place]
+        unseen = ~visible[self.view, face]
+        touches = np.zeros(len(face), dtype=bool)
+        if parts != large.few:
+            for k in np.unique(self.view).tolist():
+                mine = slice(*np.searchsorted(self.view, [k, k + 1]))
+                touches[mine] = beside(clusters.model, visible[k], face[mine])
+        some = np.flatnonzero(unseen & large.are_looked_at(parts, self.shares, touches))
+        most = int(np.bincount(self.view[some], minlength=1).max()) * parts**2
+        groups = max(1, -(-most // (GROUP * MOST_GROUPS)))
+        multiple = groups * GROUP // parts**2
+        entries, begin, n = _filled(self.view[some], self.place[some], len(rows), multiple)
+        told = rows.copy()
+        told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
+        told["groups_a_column"] = groups
+        told["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
+        return Closer(parts, entries, ViewList(told, len(rows) * (1 + len(batch.hiding))))
+
+
+def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:
+    """Return clusters (n, C) bool as a list, view by view, and where and how each view has them.
+
+    Clusters + 1, (L,); where each view's begin, (n,); how many it has, (n,); and how many work
+    groups make up a column. A view's list is filled up by zeros to whole columns.
+    """
+    size = surface.clusters.size
+    groups = max(1, -(-len(surface.clusters.order) // (GROUP * MOST_GROUPS)))
+    column = groups * GROUP // size
+    view, cluster = np.nonzero(mask)
+    entries, begin, n_listed = _filled(view, cluster, len(mask), column)
+    return entries, begin, n_listed, groups
+
+
+def _filled(view: Indices, place: Indices, n: int, multiple: int) -> tuple[Words, Indices, Indices]:
+    """Return places (K,) + 1 as a list, and where each of n views has its own, and how many.
+
+    A view's are filled up by zeros to a multiple of some number.
+    """
+    n_listed = np.bincount(view, minlength=n)
+    room = -(-n_listed // multiple) * multiple
+    begin = np.cumsum(room) - room
+    entries = np.zeros(int(room.sum()), dtype=np.uint32)
+    entries[np.arange(len(view)) + (begin - (np.cumsum(n_listed) - n_listed))[view]] = place + 1
+    return entries, begin, n_listed
+
+
+def tiles(grid: tuple[int, int]) -> tuple[int, int]:
+    """Return the tiles (columns, rows) of a grid's cells."""
+    return -(-grid[0] // TILE), -(-grid[1] // TILE)
+
+
+def _of_views(views: Views, some: slice, question: Question, origin: Floats) -> NDArray[np.void]:
+    """Return what is told of each view alone, the rest 0, (n,) VIEW."""
+    to_camera = views.world_to_camera[some].copy()
+    to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
+    to_camera[:, 2] *= -1  # depth instead of z
+    scale = np.array(question.grid) / 2 / views.tan_half[some]
+    to_grid = to_camera.copy()
+    to_grid[:, :2] *= scale[..., None]
+    told = np.zeros(len(to_grid), dtype=VIEW)
+    told["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
+    told["eye"][:, :3] = views.eye[some] - origin
+    told["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
+    told["backwards"][:, 3] = views.min_axis_cos[some]
+    told["working_range"][:, 0] = views.min_distance[some]
+    told["working_range"][:, 1] = views.max_distance[some]
+    told["min_ray_cos"] = views.min_ray_cos[some]
+    told["near"] = NEAREST * views.max_distance[some]
+    told["size"] = question.grid
+    number = np.arange(len(told))
+    told["first_row"] = question.grid[1] * number
+    told["first_tile_row"] = tiles(question.grid)[1] * number
+    return told
