@@ -43,6 +43,30 @@ def sensor(
     )
 
 
+def d415() -> Sensor:
+    """Return the arm study's sensor."""
+    return sensor(
+        hfov_deg=66.4,
+        vfov_deg=39.5,
+        resolution=(1280, 720),
+        near=160,
+        far=350,
+        max_incidence_deg=70,
+    )
+
+
+def kinect() -> Sensor:
+    """Return the kitchen study's sensor."""
+    return sensor(
+        hfov_deg=70.6,
+        vfov_deg=60.0,
+        resolution=(512, 424),
+        near=500,
+        far=4500,
+        max_incidence_deg=80,
+    )
+
+
 def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.ndarray:
     """Return n poses (n, 4, 4) about ``distance`` from the origin that look near it."""
     position = rng.normal(size=(n, 3))

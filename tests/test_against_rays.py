@@ -4,7 +4,7 @@ import numpy as np
 import oracle
 import pytest
 import shapes
-from sight import mapper, random_poses, sensor
+from sight import d415, mapper, random_poses, sensor
 
 from glvis.camera import camera_to_world
 from glvis.inputs.scene import load_model
@@ -113,14 +113,7 @@ def table_8_poses() -> np.ndarray:
 @pytest.mark.parametrize("criterion", ["pixels", "centroid"])
 def test_a_real_arm_is_seen_as_rays_see_it(criterion, shared_data):
     arm = load_model(shared_data / "arms" / "arm2.stl")
-    device = sensor(
-        hfov_deg=66.4,
-        vfov_deg=39.5,
-        resolution=(1280, 720),
-        near=160,
-        far=350,
-        max_incidence_deg=70,
-    )
+    device = d415()
     eye = oracle.Eye.of(device)
     poses = table_8_poses()
     corners = arm.vertices[arm.faces]

@@ -18,7 +18,7 @@ import pytest
 import shapes
 from judge import Judge
 from oracle import Eye
-from sight import random_poses, sensor
+from sight import d415, kinect, random_poses
 from verdicts import (
     AROUND,
     BESIDE,
@@ -178,14 +178,7 @@ def test_arms_before_their_holder_are_seen_as_rays_see_them(arm, table, shared_d
     model, holder = (
         load_model(shared_data / "arms" / f"{name}.stl") for name in (f"arm{arm}", "holder")
     )
-    device = sensor(
-        hfov_deg=66.4,
-        vfov_deg=39.5,
-        resolution=(1280, 720),
-        near=160,
-        far=350,
-        max_incidence_deg=70,
-    )
+    device = d415()
     poses = np.concatenate([table_8(), random_poses(seeded(f"arm{arm}"), 50, 260.0)])
     pair = [(one.vertices, one.faces) for one in (model, holder)]
     table.append(judged(f"arm{arm}", pair[0], poses, device, pair[1:], those=ways(("centroid",))))
@@ -216,14 +209,7 @@ def table_8() -> np.ndarray:
 @pytest.mark.parametrize("criterion", ["centroid", "pixels"])
 def test_a_room_of_large_faces_is_seen_as_rays_see_it(criterion, table, shared_data):
     model = load_model(shared_data / "kitchen" / "kitchen.stl")
-    device = sensor(
-        hfov_deg=70.6,
-        vfov_deg=60.0,
-        resolution=(512, 424),
-        near=500,
-        far=4500,
-        max_incidence_deg=80,
-    )
+    device = kinect()
     rng, corners = seeded("kitchen"), model.vertices[model.faces]
     poses = []
     while len(poses) < 50:

@@ -232,11 +232,8 @@ class LargeFaces:
 
     def unseen(self, batch: Batch, parts: int, visible: Bools) -> Closer:
         """Return those of which no point is visible (n, F) yet, to be looked at in parts."""
-        clusters, rows, large = (
-            batch.question.targets.clusters,
-            batch.asked.rows,
-            batch.question.large,
-        )
+        rows, large = batch.asked.rows, batch.question.large
+        clusters = batch.question.targets.clusters
         assert large is not None
         face = clusters.order[self.place]
         unseen = ~visible[self.view, face]
