@@ -28,6 +28,7 @@ Image = NDArray[np.uint8]
 # An edge whose faces lie within this angle of their common normal is drawn smooth.
 _SMOOTH_COS = float(np.cos(np.radians(32.0)))
 _BACKGROUND = (1.0, 1.0, 1.0)  # prints as paper
+_STEPS_BACK = 8.0  # of the depth buffer, by which backs of faces recede: more than rounding takes
 _KEY_LIGHT = (-0.45, 0.65, 0.75)  # over the viewer's left shoulder, in the eye's frame
 _HIDDEN_OPACITY = 0.22  # of lines behind a surface
 _CREVICE = 0.022  # reach of what darkens crevices, of the picture's height
@@ -222,8 +223,14 @@ class Canvas(Held):
         program["key_light"] = tuple(key / np.linalg.norm(key))
         program["stripe"] = _STRIPE * pixel
         program["relief"] = relief
-        for solid in solids:
-            solid.draw()
+        # Of a sheet that is modelled from both sides the front shows, wherever one stands.
+        context.enable(moderngl.CULL_FACE)
+        for culled, steps_back in (("back", 0.0), ("front", _STEPS_BACK)):
+            context.cull_face = culled
+            context.polygon_offset = 0.0, steps_back
+            for solid in solids:
+                solid.draw()
+        context.polygon_offset = 0.0, 0.0
 
     def _draw_lines(self, eye: Eye, lines: Lines | None, origin: Floats, pixel: float) -> None:
         context, program = gl_context(), _program("lines")
