@@ -27,6 +27,7 @@ const float ROUNDING = 3.0 * STEP;
 const float CELL = 1e-3;        // margin around cells; harmless: it only makes more of them visited
 const float FAR = 1e9;          // beyond all cells
 const int MANY = 4096;          // cells from which a face is left to the second run
+const float FLAT = 1e-4;        // an edge that changes its row by less from column to column
 const uint MOST_GROUPS = 65535u;    // in one direction, as every OpenGL takes them
 
 void main() {
@@ -100,9 +101,13 @@ void main() {
         }
     }
 #endif
-    bvec3 on_left = greaterThan(ex, vec3(0.0)), on_right = lessThan(ex, vec3(0.0));
-    vec3 over_ex = -1.0 / mix(vec3(1.0), ex, notEqual(ex, vec3(0.0)));
-    vec3 slope = ey * over_ex, start = (ez - ex * middle.x - ey * middle.y) * over_ex;
+    // an edge that runs nearly along the rows limits no columns
+    vec3 flat_ex = FLAT * abs(ey);
+    bvec3 on_left = greaterThan(ex, flat_ex), on_right = lessThan(ex, -flat_ex);
+    bvec3 is_steep = greaterThan(abs(ex), flat_ex);
+    vec3 over_ex = -1.0 / mix(vec3(1.0), ex, is_steep);
+    vec3 slope = mix(vec3(0.0), ey * over_ex, is_steep);
+    vec3 start = (ez - ex * middle.x - ey * middle.y) * over_ex;
     vec3 margin = CELL + ROUNDING * (abs(start) + abs(slope) * extent.y);
     vec3 left = mix(vec3(-FAR), start + min(slope, 0.0) - margin, on_left);
     vec3 right = mix(vec3(FAR), start + max(slope, 0.0) + margin, on_right);

@@ -279,3 +279,15 @@ def test_faces_far_from_the_middle_of_the_scene_do_not_hide_themselves(away, rng
         for casts in (False, True)
     )
     assert exact.sum() > 100 and np.count_nonzero(exact != cast) <= 1e-3 * exact.sum()
+
+
+@pytest.mark.parametrize("roll", [0.0, 1e-11, -1e-10, 1e-9, -1e-9, 1e-8, -1e-8, 1e-7])
+@pytest.mark.parametrize("half", [-1, 1])
+def test_an_edge_on_the_horizon_limits_only_rows(half, roll):
+    wall = shapes.plate(2, center=(0, 0, -3), cells=(60, 60))
+    _, y, _ = shapes.corners(wall).mean(axis=1).T
+    plate = shapes.plate(1.2, center=(0, 0.6 * half, -1.5))  # one edge at the height of the eye
+    pose = camera_to_world([0, 0, 0], [0, 0, -1], roll, up=(0, 1, 0))
+    device = sensor(hfov_deg=70, vfov_deg=70, far=3.2)
+    with mapper(wall, [plate], casts=True, criterion="centroid") as made:
+        assert np.array_equal(made.looks(pose[None], device)[0], half * y < 0)
