@@ -2,12 +2,14 @@
 // Asks about points of faces: which pass the filters (Sec. 2.1.1: CropFOV, CropBack, CropNorm,
 // CropNear), and in which cell each lies. One invocation a face of the clusters listed.
 // in:  listed       clusters + 1 that may have a face to count; faces where PARTS is defined
-//      face_centres two texels a face: centre of mass, unit normal; float bits
+//      face_centres two texels a face: centre of mass and longest edge, unit normal; float bits
 // out: heads        record + 1 of the point that came last to a cell, 0: none
 //      records      (column, row, 1) * depth of a point as float bits, and the record + 1 of the
-//                   point that came before it to the same cell
+//                   point that came before it to the same cell, with LARGE where it is of a face
+//                   that may be large
 //      tiles        depth bits of the farthest point, by tile
-//      free         record + 1 of the face's centre where a point passes the filters, else 0
+//      free         record + 1 of the face's centre where a point passes the filters, else 0; with
+//                   LARGE where a face may be large and have a point that passes them
 // PARTS is defined where several points of a face are asked about, the centres of mass of its
 // PARTS x PARTS congruent parts: an invocation a point, and a list of faces + 1 in place of clusters.
 // Else it is each face's own centre of mass.
@@ -23,25 +25,35 @@ layout(r32ui, binding = 2) uniform uimage2D tiles;
 layout(std430, binding = 0) readonly buffer Listed { uint listed[]; };
 layout(std430, binding = 2) buffer Free { uint free[]; };
 
-// Ask about a point (relative to the origin) of a face: `own` is the record of its centre.
-void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own) {
+const float SLACK = 1e-5;       // of what decides on large faces, which float32 may round
+
+// Ask about a point (relative to the origin) of a face: `own` is the record of its centre, and no
+// point of the face is farther from the point than its edge, of faces that may be large.
+void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own, float edge) {
     vec3 place = in_grid(point);
     vec2 at = place.xy / place.z + 0.5 * vec2(size);
     vec3 back = eye.xyz - point;
     float towards = dot(normal, back);
     bool passes = place.z >= working_range.x && place.z <= working_range.y;
     passes = passes && all(greaterThanEqual(at, vec2(0.0))) && all(lessThanEqual(at, vec2(size)));
-    passes = passes && towards > 0.0
-        && towards * towards >= min_ray_cos * min_ray_cos * dot(back, back)
-        && dot(normal, backwards.xyz) >= backwards.w;
+    bool faces = towards > 0.0 && dot(normal, backwards.xyz) >= backwards.w;
+    passes = passes && faces && towards * towards >= min_ray_cos * min_ray_cos * dot(back, back);
+    mat3 to_grid = transpose(mat3(world_to_grid));
+    vec2 scale = vec2(length(to_grid[0]), length(to_grid[1])), half_size = 0.5 * vec2(size);
+    vec2 reach = half_size * place.z + edge * (scale + half_size);
+    bool may_reach = all(lessThanEqual(abs(place.xy), (1.0 + SLACK) * reach))
+        && abs(place.z - clamp(place.z, working_range.x, working_range.y)) <= edge;
+    bool is_large = edge * span >= max(place.z - edge, near) && may_reach && faces
+        && towards >= (1.0 - SLACK) * min_ray_cos * (length(back) - edge);
+    uint mark = is_large ? LARGE : 0u;
+    if (wanted && (passes || is_large)) free[record] = (passes ? own + 1u : 0u) | mark;
     if (wanted && passes) {
-        free[record] = own + 1u;
         ivec2 cell = min(ivec2(at), size - 1);
         imageAtomicMax(
             tiles, cell / TILE + ivec2(0, first_tile_row), floatBitsToUint(place.z)
         );
         uint before = imageAtomicExchange(heads, cell + ivec2(0, first_row), record + 1u);
-        imageStore(records, record_at(record), uvec4(floatBitsToUint(place), before));
+        imageStore(records, record_at(record), uvec4(floatBitsToUint(place), before | mark));
     }
 }
 
@@ -66,8 +78,9 @@ void main() {
     vec3 normal = uintBitsToFloat(texelFetch(face_centres, at + ivec2(1, 0), 0).xyz);
     uint own = first_record + face;
 #ifdef PARTS
-    ask(is_listed, point, normal, record, own);
+    ask(is_listed, point, normal, record, own, 0.0);
 #else
-    ask(cluster != 0u, uintBitsToFloat(texelFetch(face_centres, at, 0).xyz), normal, own, own);
+    vec4 centre = uintBitsToFloat(texelFetch(face_centres, at, 0));
+    ask(cluster != 0u, centre.xyz, normal, own, own, centre.w);
 #endif
 }

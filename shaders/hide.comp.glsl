@@ -4,7 +4,7 @@
 // found does not depend on the cells. One invocation a face of the clusters listed; both sides hide.
 // in:  listed       clusters + 1 that may hide a point, see keep.comp.glsl
 //      heads, records  points by cell, see ask.comp.glsl
-// out: free         0 where a point is hidden
+// out: free         0, or LARGE, where a point is hidden
 //      listed, dispatches  faces that cover many cells, which are left to the second run
 //      unfinished   1 where an invocation was cut short: llvmpipe leaves loops after 65,535 turns
 // SPREAD is defined in the second run: there a work group has to do with one such face, and each
@@ -136,8 +136,8 @@ void main() {
             bool hides = min(inside.x, min(inside.y, inside.z)) >= 0.0 && beyond > d
                 && near * beyond < d * point.z
                 && all(greaterThanEqual(vec4(point.xy, -point.xy), box * point.z));
-            if (hides) free[next - 1u] = 0u;
-            next = record.w;
+            if (hides) free[next - 1u] = record.w & LARGE;
+            next = record.w & ~LARGE;
         }
     }
     if (next != 0u || y <= to.y) unfinished = 1u;

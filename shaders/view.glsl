@@ -23,11 +23,14 @@ layout(std140, binding = 0) uniform View {
     uint groups_a_column;   // work groups along y
     uint first_record;      // of this view's records: one a face, in the order of the clusters
     uint first_extra;       // of its further ones, 64 a face
+    float span;             // a face may be large whose longest edge, times this, is at least its
+                            // least depth; 0: none is looked at again
 };
 
 const int TILE = 8;                     // cells along a side of a tile
 const uint FACES_A_LINE = 2048u;        // of packed_faces and face_centres, as surface.py has them
 const uint RECORDS_A_LINE = 2048u;
+const uint LARGE = 1u << 31;            // marks faces that may have to be looked at again
 
 ivec2 record_at(uint record) {
     return ivec2(record % RECORDS_A_LINE, record / RECORDS_A_LINE);

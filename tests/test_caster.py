@@ -243,10 +243,12 @@ def test_the_shaders_are_told_what_they_read():
     ("text", "wrong"),
     [
         ("void main", "void mean"),
-        ("if (hides) free[next - 1u] = 0u;", ""),
+        ("if (hides) free[next - 1u] = record.w & LARGE;", ""),
+        ("free[next - 1u] = record.w & LARGE;", "free[next - 1u] = 0u;"),
+        ("is_large ? LARGE : 0u", "0u"),
         ("&& beyond > d", "&& beyond < d"),
         ("if (hides) break;", "hides = false;"),  # keep
-        ("free[record] = own + 1u;", "free[record] = record + 1u;"),
+        ("(passes ? own + 1u : 0u)", "(passes ? record + 1u : 0u)"),
         ("towards > 0.0", "towards < 0.0"),
     ],
 )

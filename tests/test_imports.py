@@ -44,9 +44,9 @@ ARROWS = {
     "views": "camera sensor",
     "renderer": "camera context errors surface views",
     "culling": "renderer surface views",
-    "points": "scene sensor surface",
+    "points": "scene sensor clusters surface",
     "batch": "culling points surface views",
-    "caster": "batch context culling points surface views",
+    "caster": "batch clusters context culling points surface views",
     "visibility": "sensor",
     "pieces": "scene sensor visibility",
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"

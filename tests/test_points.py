@@ -7,6 +7,7 @@ from sight import sensor
 
 from glvis.inputs.scene import Model
 from glvis.sight import points
+from glvis.sight.clusters import Clusters
 from glvis.sight.points import Large, beside, grid_size, reaches, spans, unhidden
 
 NEAR = 0.01
@@ -196,11 +197,15 @@ def test_no_face_with_a_point_in_the_image_is_said_to_miss_it(seed):
 
 
 def test_faces_beside_those_seen_share_a_corner_with_one():
-    model = Model.from_arrays("plate", *shapes.plate(3, cells=(3, 1)))
-    seen = np.array([True, False, False, False, False, False])  # lower right of the first cell
-    assert beside(model, seen, np.arange(6)).tolist() == [True, True, True, True, False, False]
-    assert beside(model, seen, np.array([5, 1])).tolist() == [False, True]
-    assert not beside(model, np.zeros(6, bool), np.arange(6)).any()
+    clusters = Clusters.of(Model.from_arrays("plate", *shapes.plate(3, cells=(3, 1))))
+    seen = np.zeros((3, 6), dtype=bool)
+    seen[1, 0] = True  # lower right of the first cell
+    all_faces, nothing = np.arange(6), np.zeros(0, dtype=int)
+    by_second = beside(clusters, seen, np.full(6, 1), all_faces)
+    assert by_second.tolist() == [True, True, True, True, False, False]
+    assert beside(clusters, seen, np.array([1, 2, 1]), np.array([5, 1, 1])).tolist() == [0, 0, 1]
+    assert not beside(clusters, seen, np.zeros(6, dtype=int), all_faces).any()
+    assert not len(beside(clusters, seen, nothing, nothing))
 
 
 def test_large_faces_are_looked_at_in_few_points_and_some_in_many():

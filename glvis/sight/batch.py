@@ -44,7 +44,8 @@ VIEW = np.dtype(
         ("groups_a_column", "u4"),
         ("first_record", "u4"),
         ("first_extra", "u4"),
-        ("filler", "u4", 19),
+        ("span", "f4"),
+        ("filler", "u4", 18),
     ]
 )
 # As the shaders have them: cells along a tile, invocations a work group; and the work groups that
@@ -68,12 +69,6 @@ class ViewList:
     rows: NDArray[np.void]
     first_row: int
 
-    def only(self, views: Bools) -> ViewList:
-        """Return the same with nothing listed for other views than some, (n,) bool."""
-        rows = self.rows.copy()
-        rows["n_listed"][~views] = 0
-        return ViewList(rows, self.first_row)
-
 
 @dataclass(frozen=True, eq=False)
 class Batch:
@@ -85,8 +80,6 @@ class Batch:
         What is asked.
     asked : ViewList
         Clusters that may have a face to count.
-    candidates : (n, C) bool
-        The same.
     tan_half : (n, 2) float64
         Tangents of the views' half opening angles.
     hiding : list of ViewList
@@ -100,7 +93,6 @@ class Batch:
 
     question: Question
     asked: ViewList
-    candidates: Bools
     tan_half: Floats
     hiding: list[ViewList]
     listed: Words
@@ -148,7 +140,6 @@ class Batch:
         return cls(
             question,
             asked,
-            masks[0][1][some],
             views.tan_half[some],
             hiding,
             np.concatenate(parts),
@@ -192,41 +183,20 @@ class LargeFaces:
     shares: Floats
 
     @classmethod
-    def of(cls, batch: Batch, poses: Floats, visible: Bools) -> LargeFaces:
-        """Return those of a batch, from poses (n, 4, 4), whose centre is not visible (n, F)."""
+    def of(cls, batch: Batch, poses: Floats, marked: Words) -> LargeFaces:
+        """Return those of a batch, from poses (n, 4, 4), among records (K,) that ask has marked."""
         question, rows, half = batch.question, batch.asked.rows, batch.tan_half
         clusters = question.targets.clusters
-        model, table = clusters.model, clusters.table
+        model = clusters.model
         assert question.large is not None
-        near = rows["near"].astype(float)
-        backwards, eyes = poses[:, :3, 2], poses[:, :3, 3]
-        reach = np.sum(backwards * eyes, axis=1)
-        # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
-        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1) / question.large.least
-        span *= 1 + _SLACK
-        centre, radius = clusters.sphere
-        depth = reach[:, None] - backwards @ centre[:3] - radius
-        depth = np.maximum(depth, near[:, None]) / span[:, None]
-        maybe = table.longest.reshape(1, -1, clusters.size) >= depth[..., None]
-        maybe &= batch.candidates[..., None]
-        view, place = np.nonzero(maybe.reshape(len(poses), -1))
-        unseen = ~visible[view, table.index[place]]
-        view, place = view[unseen], place[unseen]
-        # of a face that looks at the eye, and may be large and steep enough
-        to_eye = eyes[view].T - table.centroids[:, place]
-        edge, normal = table.longest[place], table.normals[:, place]
-        height = np.sum(normal * to_eye, axis=0)
-        distance = np.sqrt(np.sum(to_eye**2, axis=0)) - edge
-        depth = np.sum(backwards[view].T * to_eye, axis=0) - edge
-        kept = (height > 0) & (edge * span[view] >= np.maximum(depth, near[view]))
-        kept &= height >= (1 - _SLACK) * rows["min_ray_cos"][view] * distance
-        view, place = view[kept], place[kept]
-        corners = model.vertices[model.faces[table.index[place]]] - eyes[view, None]
-        corners = np.moveaxis(np.matmul(corners, poses[view, :3, :3]), 0, 2)
+        view, place = np.divmod(marked.astype(np.intp), len(clusters.order))
+        corners = model.vertices.take(model.faces.take(clusters.order[place], axis=0), axis=0)
+        corners = np.matmul(corners - poses[view, None, :3, 3], poses[view, :3, :3])
+        corners = np.moveaxis(corners, 0, 2)
         corners[:, 2] *= -1
         kept = reaches(corners, half[view].T, rows["working_range"][view].T)
         view, place, corners = view[kept], place[kept], corners[..., kept]
-        shares = spans(corners, half[view].T, near[view])
+        shares = spans(corners, half[view].T, rows["near"][view].astype(float))
         kept = shares >= question.large.least
         return cls(view[kept], place[kept], shares[kept])
 
@@ -239,9 +209,7 @@ class LargeFaces:
         unseen = ~visible[self.view, face]
         touches = np.zeros(len(face), dtype=bool)
         if parts != large.few:
-            for k in np.unique(self.view).tolist():
-                mine = slice(*np.searchsorted(self.view, [k, k + 1]))
-                touches[mine] = beside(clusters.model, visible[k], face[mine])
+            touches = beside(clusters, visible, self.view, face)
         some = np.flatnonzero(unseen & large.are_looked_at(parts, self.shares, touches))
         most = int(np.bincount(self.view[some], minlength=1).max()) * parts**2
         groups = max(1, -(-most // (GROUP * MOST_GROUPS)))
@@ -263,7 +231,7 @@ def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int
     size = surface.clusters.size
     groups = max(1, -(-len(surface.clusters.order) // (GROUP * MOST_GROUPS)))
     column = groups * GROUP // size
-    view, cluster = np.nonzero(mask)
+    view, cluster = np.divmod(np.flatnonzero(mask), mask.shape[1])
     entries, begin, n_listed = _filled(view, cluster, len(mask), column)
     return entries, begin, n_listed, groups
 
@@ -304,6 +272,11 @@ def _of_views(views: Views, some: slice, question: Question, origin: Floats) -> 
     told["min_ray_cos"] = views.min_ray_cos[some]
     told["near"] = NEAREST * views.max_distance[some]
     told["size"] = question.grid
+    if question.large:
+        # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
+        half = views.tan_half[some]
+        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1) / question.large.least
+        told["span"] = (1 + _SLACK) * span
     number = np.arange(len(told))
     told["first_row"] = question.grid[1] * number
     told["first_tile_row"] = tiles(question.grid)[1] * number

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.sight.batch import GROUP, VIEW, Batch, Closer, LargeFaces, ViewList, tiles
+from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_context
 from glvis.sight.culling import Chosen
 from glvis.sight.points import Question
@@ -29,12 +30,13 @@ from glvis.sight.views import Views
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Words = NDArray[np.uint32]
+Indices = NDArray[np.integer]
 
 _VERSION = 430  # compute shaders and storage buffers
 _LISTED, _DISPATCHES, _FREE, _UNFINISHED = range(4)  # storage buffers of the shaders
 _FACES, _CENTRES, _RECORDS, _HEADS, _BOXES, _TILES = range(6)  # their textures
 _RECORDS_OUT, _HEADS_OUT, _TILES_OUT = range(3)  # their images
-_RECORDS_A_LINE = 2048  # as view.glsl has it
+_RECORDS_A_LINE, _LARGE = 2048, np.uint32(1 << 31)  # as view.glsl has them
 # What views that are looked at together may take: records (16 bytes each, and 4 more) and cells (4
 # bytes each). More bring nothing on a CPU, and hardware is busy with so many.
 _MOST_RECORDS, _MOST_CELLS = 1 << 21, 1 << 22
@@ -58,12 +60,18 @@ def _fits(n_records: int) -> bool:
     return fits and 4 * n_records <= int(info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
 
 
+def _mark(visible: Bools, records: Words, clusters: Clusters) -> None:
+    """Mark the faces, in place (n, F) bool, whose records are given: places view by view."""
+    view, place = np.divmod(records.astype(np.intp), len(clusters.order))
+    visible.reshape(-1)[view * visible.shape[1] + clusters.order.take(place)] = True
+
+
 class Caster:
     """The passes, and what they share: buffers and textures that grow with what they hold."""
 
     def __init__(self) -> None:
         self._buffers: dict[str, Any] = {}
-        self._textures: dict[str, Any] = {}
+        self._textures: dict[tuple[str, int], Any] = {}  # by width, too: models take turns
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -113,15 +121,15 @@ class Caster:
         clusters = batch.question.targets.clusters
         n_records = len(visible) * len(clusters.order)
         self._bind(batch, n_records)
-        self._run("ask", batch.asked, clusters.size)
-        self._hide(batch, batch.asked.rows["n_listed"] > 0)
-        # a record is a place in the order of the clusters
-        view, place = np.divmod(self._free(0, n_records), len(clusters.order))
-        visible[view, clusters.order[place]] = True
+        listed = batch.asked.rows["n_listed"]
+        self._run("ask", batch.asked, listed * clusters.size)
+        self._hide(batch, listed > 0)
+        free, marked = self._found(0, n_records)
+        _mark(visible, free, clusters)
         finished, large = self._has_finished(), batch.question.large
         if not large:
             return finished
-        faces = LargeFaces.of(batch, poses, visible)
+        faces = LargeFaces.of(batch, poses, marked)
         for parts in (large.few, large.many):
             closer = faces.unseen(batch, parts, visible)
             if not len(closer.entries):
@@ -129,11 +137,11 @@ class Caster:
             if not _fits(n_records + parts**2 * len(closer.entries)):
                 return False
             self._bind(batch, n_records, closer)
-            self._run("ask", closer.list, parts**2, f"PARTS {parts}")
-            self._hide(batch, closer.list.rows["n_listed"] > 0)
-            free = self._free(n_records, parts**2 * len(closer.entries))
-            view, place = np.divmod(free, len(clusters.order))
-            visible[view, clusters.order[place]] = True
+            listed = closer.list.rows["n_listed"]
+            self._run("ask", closer.list, listed * parts**2, f"PARTS {parts}")
+            self._hide(batch, listed > 0)
+            free, _ = self._found(n_records, parts**2 * len(closer.entries))
+            _mark(visible, free, clusters)
             finished &= self._has_finished()
         return finished
 
@@ -145,17 +153,18 @@ class Caster:
         """Find what is hidden of the points that some views (n,) bool have asked about."""
         context = gl_context()
         context.memory_barrier()
-        for surface, all_occluders in zip(batch.question.hiding, batch.hiding, strict=True):
-            occluders = all_occluders.only(asks)
+        for surface, occluders in zip(batch.question.hiding, batch.hiding, strict=True):
             surface.use_boxes(_BOXES)
             surface.use_packed(_FACES)
-            self._run("keep", occluders, 1, in_columns=False)
+            listed = np.where(asks, occluders.rows["n_listed"], 0)
+            self._run("keep", occluders, listed, in_columns=False)
             context.memory_barrier()
+            rows = np.flatnonzero(listed)
+            requests = occluders.rows["request"][rows]
             for second, defines in enumerate(([], ["SPREAD"])):
                 hide = compiled_compute("hide", *defines)
-                for row in np.flatnonzero(occluders.rows["n_listed"]).tolist():
+                for row, request in zip(rows.tolist(), (requests + second).tolist(), strict=True):
                     self._tell(occluders, row)
-                    request = int(occluders.rows["request"][row]) + second
                     hide.run_indirect(self._buffers["dispatches"], 16 * request)
                 context.memory_barrier()
 
@@ -163,18 +172,17 @@ class Caster:
         self,
         name: str,
         clusters: ViewList,
-        invocations: int,
+        invocations: Indices,
         *defines: str,
         in_columns: bool = True,
     ) -> None:
-        """Run a pass with so many invocations for each that is listed, view by view."""
+        """Run a pass with so many invocations (n,) for each view; none where that is 0."""
         program = compiled_compute(name, *defines)
-        listed = clusters.rows["n_listed"]
-        groups = -(-listed.astype(np.int64) * invocations // GROUP)
-        for row in np.flatnonzero(listed).tolist():
+        columns = clusters.rows["groups_a_column"] if in_columns else np.ones(len(clusters.rows))
+        across = np.ceil(invocations / (GROUP * columns))
+        for row in np.flatnonzero(invocations).tolist():
             self._tell(clusters, row)
-            column = int(clusters.rows["groups_a_column"][row]) if in_columns else 1
-            program.run(-(-int(groups[row]) // column), column)
+            program.run(int(across[row]), int(columns[row]))
 
     def _tell(self, clusters: ViewList, row: int) -> None:
         offset = VIEW.itemsize * (clusters.first_row + row)
@@ -186,7 +194,9 @@ class Caster:
         Records of what was asked before are left as they are, where points are asked about.
         """
         lists = [batch.asked, *batch.hiding, *([closer.list] if closer else [])]
-        self._hold("told", np.concatenate([one.rows for one in lists]))
+        # as bytes: NumPy joins tables slowly
+        told = [one.rows.view(f"V{VIEW.itemsize}") for one in lists]
+        self._hold("told", np.concatenate(told))
         self._hold("dispatches", batch.dispatches).bind_to_storage_buffer(_DISPATCHES)
         unfinished = self._hold("unfinished", np.zeros(1, dtype=np.uint32))
         unfinished.bind_to_storage_buffer(_UNFINISHED)
@@ -207,11 +217,16 @@ class Caster:
         targets.use_packed(_FACES)
         targets.use_centres(_CENTRES)
 
-    def _free(self, first: int, number: int) -> Words:
-        """Return the records of faces' centres that some records, all in all, found free."""
+    def _found(self, first: int, number: int) -> tuple[Words, Words]:
+        """Return what some records, all in all, were found to be.
+
+        The records of faces' centres that are free, or of which a point is; and of those that are
+        not, which may be large.
+        """
         words = self._buffers["free"].read(4 * number, offset=4 * first)
         found = np.frombuffer(words, dtype=np.uint32)
-        return found[found > 0] - 1
+        free = found & ~_LARGE
+        return free[free > 0] - 1, np.flatnonzero(found == _LARGE).astype(np.uint32)
 
     def _clear(self, name: str, unit: int, image: int, size: tuple[int, int]) -> None:
         """Bind a texture of words (width, height) that are 0."""
@@ -243,10 +258,11 @@ class Caster:
 
     def _texture(self, name: str, components: int, size: tuple[int, int]) -> Any:
         """Return a texture of words, at least so high and of just this width."""
-        texture = self._textures.get(name)
-        if texture is None or texture.width != size[0] or texture.height < size[1]:
+        key = (name, size[0])
+        texture = self._textures.get(key)
+        if texture is None or texture.height < size[1]:
             if texture is not None:
                 texture.release()
             texture = texture_of(size, components, "u4")
-            self._textures[name] = texture
+            self._textures[key] = texture
         return texture

@@ -138,6 +138,14 @@ class Clusters:
         """The faces in the clusters' order."""
         return FaceTable.of(self.model, self.order)
 
+    @cached_property
+    def around(self) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
+        """Faces by corner, vertex after vertex (3F,), and where each vertex begins (V + 1,)."""
+        corners = self.model.faces.ravel()
+        order = np.argsort(corners, kind="stable")
+        begin = np.searchsorted(corners[order], np.arange(len(self.model.vertices) + 1))
+        return (order // 3).astype(np.int32), begin
+
     def plane_box(self, middle: Floats) -> Floats:
         """Return the largest, and then least, (n, -n . p) over each cluster's faces, (8, C).
 

@@ -188,7 +188,8 @@ class Mapper:
         kept = reaches(corners, tan_half, working_range)
         places, index, corners = places[kept], index[kept], corners[..., kept]
         shares = spans(corners, tan_half, NEAREST * sensor.max_distance)
-        return places[self._large.are_looked_at(n, shares, beside(self.model, seen, index))]
+        touches = beside(self.surface.clusters, seen[None], np.zeros(len(index), dtype=int), index)
+        return places[self._large.are_looked_at(n, shares, touches)]
 
     def _by_paper(self, views: Views, sensor: Sensor) -> Bools:
         """Return the paper's own map: its filters, then one ray to each centre that is left."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
+from glvis.sight.clusters import Clusters
 from glvis.sight.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -64,7 +65,7 @@ class Large:
 
 # Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch
 # none that shows, and show none of their points: tools/bench prints how many.
-LARGE = Large(1 / 96, 1 / 16)
+LARGE = Large(1 / 64, 1 / 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +90,34 @@ class Question:
     large: Large | None
 
 
-def beside(model: Model, seen: Bools, index: Indices) -> Bools:
-    """Return which of some faces (n,) share a corner with faces (F,) bool that are seen, (n,)."""
-    touched = np.zeros(len(model.vertices), dtype=bool)
-    touched[model.faces[seen]] = True
-    shared: Bools = np.any(touched[model.faces[index]], axis=1)
+def beside(clusters: Clusters, seen: Bools, view: Indices, face: Indices) -> Bools:
+    """Return which faces (K,) share a corner with one that the same view sees, (K,) bool.
+
+    Parameters
+    ----------
+    clusters : Clusters
+        Of a model of F faces.
+    seen : (N, F) bool
+        What N views see.
+    view, face : (K,) int
+        Which view is asked about which face.
+    """
+    faces, begin = clusters.around
+    corners = clusters.model.faces.take(face, axis=0)
+    first = begin.take(corners)
+    number = begin.take(corners + 1) - first  # no less than 1: the face itself
+    neighbours = faces.take(_runs(first.ravel(), number.ravel()))
+    number = number.sum(axis=1)
+    sees = seen[np.repeat(view, number), neighbours]
+    shared: Bools = np.logical_or.reduceat(sees, np.cumsum(number) - number) if len(face) else sees
     return shared
+
+
+def _runs(first: Indices, number: Indices) -> Indices:
+    """Return first, first + 1, ... of each run, so many, one run after the other."""
+    runs: Indices = np.repeat(first - (np.cumsum(number) - number), number)
+    runs += np.arange(len(runs))
+    return runs
 
 
 def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
@@ -276,8 +299,7 @@ class _Cells:
         # points of one row that one triangle covers follow each other
         rows = last[1] - first[1] + 1
         of = np.repeat(np.arange(len(some)), rows)
-        row = first[1][of] + np.arange(len(of)) - np.repeat(np.cumsum(rows) - rows, rows)
+        row = _runs(first[1], rows)
         begin = self.begin[row * self.n + first[0][of]]
         number = self.begin[row * self.n + last[0][of] + 1] - begin
-        place = np.repeat(begin - (np.cumsum(number) - number), number) + np.arange(number.sum())
-        return self.order[place], np.repeat(some[of], number)
+        return self.order[_runs(begin, number)], np.repeat(some[of], number)

@@ -68,7 +68,7 @@ class Surface:
         self._use("packed", unit, lambda: (packed(self.clusters), _FACES_A_LINE, _WORDS // 4))
 
     def use_centres(self, unit: int) -> None:
-        """Bind the faces' centres of mass and normals, two texels a face, float bits."""
+        """Bind the faces' centres of mass, longest edges and normals, two texels a face."""
         self._use("centres", unit, lambda: (self._centres(), _FACES_A_LINE, 2))
 
     def use_boxes(self, unit: int) -> None:
@@ -89,10 +89,11 @@ class Surface:
         self._textures[name].use(unit)
 
     def _centres(self) -> NDArray[np.uint32]:
-        """Return centre and normal of each face in the order of the clusters, (F', 8) words."""
+        """Return centre, edge and normal of each face in the order of the clusters, (F', 8)."""
         model, order = self.clusters.model, self.clusters.order
         rows = np.zeros((len(order), 8), dtype=np.float32)
         rows[:, :3] = model.centroids[order] - self._origin
+        rows[:, 3] = self.clusters.table.longest
         rows[:, 4:7] = model.normals[order]
         return rows.view(np.uint32)
 
