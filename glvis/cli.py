@@ -232,7 +232,7 @@ def optimize(
         typer.Option(
             metavar="ADDRESS",
             help="Render on the workers of a dask cluster instead, by the address of its "
-            "scheduler, such as tcp://scheduler:8786; needs glvis\\[cluster].",
+            "scheduler, such as tcp://scheduler:8786; needs the extra 'cluster'.",
         ),
     ] = None,
     overwrite: Overwrite = False,

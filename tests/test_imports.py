@@ -33,7 +33,7 @@ ARROWS = {
     "rivals": "climb script",
     "auto": "climb greedy rivals script",
     "sensor": "camera",
-    "scene": "meshfiles",
+    "scene": "errors meshfiles",
     "layout": "expressions",
     "mounts": "camera expressions layout",
     "clusters": "scene",
