@@ -333,9 +333,14 @@ def optimize(
 
 def _warnings(study: Study) -> list[str]:
     from glvis.inputs.checks import study_warnings
-    from glvis.outputs.wording import large_face_warnings, resolution_warnings
+    from glvis.outputs.wording import large_face_warnings, resolution_warnings, search_warnings
 
-    return [*study_warnings(study), *resolution_warnings(study), *large_face_warnings(study)]
+    return [
+        *study_warnings(study),
+        *search_warnings(study),
+        *resolution_warnings(study),
+        *large_face_warnings(study),
+    ]
 
 
 def _say_that_pictures_come(wanted: bool) -> None:

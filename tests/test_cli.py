@@ -100,6 +100,22 @@ def test_check_warns_of_what_will_disappoint(glvis_cli, study):
     assert "Warning: cube: 100 % of the faces are smaller than a pixel of eye" in out
 
 
+def test_check_says_what_a_study_leaves_to_defaults(glvis_cli, study):
+    assert "(by default" not in glvis_cli("check", study)[1]
+    text = study.read_text()
+    bare = text.replace('kind = "of3"\nby_area = false\n', "").replace('method = "swarm"\n', "")
+    study.write_text(bare)
+    _, out, _ = glvis_cli("check", study)
+    assert (
+        "Objective: OF1 by area; mean over 2 models "
+        "(by default: the study does not say objective.kind)\n"
+        "Search: auto, seed 1 (by default: the study does not say search.method)\n"
+    ) in out
+    assert "Warning: [swarm]: its options have no say in 'auto', which searches" in out
+    study.write_text(bare.replace("particles = 4\niterations = 2\n", "seed = 3\n"))
+    assert "[swarm]" not in glvis_cli("check", study)[1]
+
+
 def test_check_writes_nothing(glvis_cli, study, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")

@@ -105,14 +105,15 @@ ARROWS = {
     "series": "delivery errors folder placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
-    "wording": "errors estimate pieces placement study tables terminal visibility within_reach",
+    "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
+    " within_reach",
     "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
     "tolerance_words": "mounting pieces placement terminal tolerance",
     "series_words": "series_tables spread sweep terminal",
-    "compare": "camera coloring palette pieces placement scene scenesheets sheet stage tables"
-    " terminal",
+    "compare": "camera coloring palette pieces placement scene scenesheets schema sheet stage"
+    " tables terminal",
     "starter_meshes": "",
     "starter_texts": "",
     "starter": "camera errors scene schema sensor starter_meshes starter_texts",

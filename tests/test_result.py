@@ -60,6 +60,15 @@ def test_a_result_read_back_is_the_one_that_was_written(placement, written):
     assert again.study.text == placement.study.text
 
 
+def test_a_result_of_older_defaults_is_read_as_it_was_made(placement, written):
+    text = (written / "study.toml").read_text()
+    kept = '[objective]\nkind = "of3"\nby_area = false\n'
+    assert kept in text
+    for left in ("", '[objective]\nkind = "of3"\n'):
+        (written / "study.toml").write_text(text.replace(kept, left))
+        assert read_result(written).study.objective == placement.study.objective
+
+
 def test_poses_in_json_are_exact_and_agree_with_each_other(placement, written):
     index = json.loads((written / "result.json").read_text())
     assert [pose["name"] for pose in index["poses"]] == ["A", "B", "C"]

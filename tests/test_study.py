@@ -14,6 +14,7 @@ from glvis.inputs.mounts import Variable
 from glvis.inputs.schema import SwarmTable, VisibilityTable
 from glvis.inputs.study import load_study
 from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
+from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.sight.visibility import VisibilityOptions
 
@@ -170,6 +171,24 @@ def test_a_study_may_leave_out_almost_everything(load):
     assert (study.title, study.unit, study.up.tolist()) == ("arm", "mm", [0, 0, 1])
     assert study.swarm == SwarmOptions() and study.visibility == VisibilityOptions()
     assert study.rig.poses(study.rig.start).shape == (1, 4, 4)
+
+
+def test_without_a_word_auto_searches_what_sees_most_of_the_area(load):
+    study = load(FIXED)
+    objective = study.objective
+    assert (objective.kind, objective.by_area, objective.aggregate) == ("of1", True, "mean")
+    assert study.search == SearchOptions("auto")
+    assert study.assumed == ("objective.kind", "objective.by_area", "search.method")
+    # the study as run says it, so that no later default changes what a result means
+    tables = tomllib.loads(study.text)
+    assert tables["objective"] == {"kind": "of1", "by_area": True}
+    assert tables["search"] == {"method": "auto"}
+
+
+def test_only_what_the_file_leaves_open_is_assumed(load):
+    study = load(FIXED + '[objective]\nkind = "of3"\n', "search.method=swarm")
+    assert study.assumed == ("objective.by_area",)
+    assert (study.objective.kind, study.search.method) == ("of3", "swarm")
 
 
 @pytest.mark.parametrize(

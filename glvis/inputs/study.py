@@ -68,6 +68,8 @@ class Study:
     sweep : dict
         The table ``[sweep]`` as written: no part of this study, nor of ``text``; see
         ``sweep.plan_runs``.
+    assumed : tuple of str
+        Keys that the file leaves to their defaults and ``text`` names, such as "search.method".
     """
 
     path: Path
@@ -84,6 +86,7 @@ class Study:
     swarm: SwarmOptions
     search: SearchOptions = field(default_factory=SearchOptions)
     sweep: Mapping[str, Any] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -148,6 +151,10 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     changes["scene", "models"] = [str(file) for file in model_paths]
     if obstacle_paths:
         changes["scene", "obstacles"] = [str(file) for file in obstacle_paths]
+    told = {"objective.kind": objective.kind, "objective.by_area": objective.by_area}
+    told["search.method"] = search.method
+    assumed = tuple(key for key in told if not _names(data, key))
+    changes |= {tuple(key.split(".")): told[key] for key in assumed}
     if "sweep" in data:
         changes = {path: new for path, new in changes.items() if path[0] != "sweep"}
         changes["sweep",] = REMOVED
@@ -166,6 +173,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         swarm=swarm,
         search=search,
         sweep=table.sweep,
+        assumed=assumed,
     )
 
 
@@ -198,6 +206,12 @@ def _parsed(source: str) -> dict[str, Any]:
         raise StudyError(f"is no TOML: {error}") from None
     except RecursionError:
         raise StudyError("is no TOML: nested too deeply") from None
+
+
+def _names(data: Mapping[str, Any], key: str) -> bool:
+    """Return whether a study has a key such as "search.method"."""
+    table, _, name = key.partition(".")
+    return name in data.get(table, {})
 
 
 def _sensors(table: StudyTable) -> dict[str, Sensor]:

@@ -58,6 +58,11 @@ def read_result(directory: str | Path) -> Placement:
         if any(m.pieces for m in study.models) and not any("pieces" in m for m in index["models"]):
             # made before faces were cut: read as it was made
             study = load_study(directory / STUDY, ["scene.max_edge=off"])
+        told = index["objective"]
+        if (told["kind"], told["by_area"]) != (study.objective.kind, study.objective.by_area):
+            # made when studies that name neither had other defaults
+            settings = [f"objective.kind={told['kind']}", f"objective.by_area={told['by_area']}"]
+            study = load_study(directory / STUDY, [one.lower() for one in settings])
         _check_meshes(index, study)
         return Placement(
             study=study,
