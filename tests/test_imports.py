@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "glvis"
 # module: what it may import from glvis, all of it in rows above
 ARROWS = {
     "errors": "",
+    "hints": "",
     "camera": "",
     "objective": "",
     "glsl": "",
@@ -27,13 +28,13 @@ ARROWS = {
     "script": "box errors swarm_options",
     "greedy": "script",
     "refine": "box script",
-    "covariance": "errors script",
+    "covariance": "errors hints script",
     "differential": "script",
     "climb": "script",
     "rivals": "climb script",
     "auto": "climb greedy rivals script",
     "sensor": "camera",
-    "scene": "errors meshfiles",
+    "scene": "hints meshfiles",
     "layout": "expressions",
     "mounts": "camera expressions layout",
     "clusters": "scene",
@@ -64,7 +65,7 @@ ARROWS = {
     "worker": "maps",
     "workers": "context errors maps",
     "remote": "context errors maps",
-    "cluster": "errors maps remote workers",
+    "cluster": "errors hints maps remote workers",
     "memory": "",
     "guess": "memory sensor study",
     "search": "auto box covariance differential greedy guess refine script search_options study"
@@ -74,7 +75,7 @@ ARROWS = {
     "reach": "box checkpoint evaluator visibility",
     "placement": "checkpoint cluster context evaluator maps progress reach run search study"
     " visibility workers",
-    "folder": "errors",
+    "folder": "errors hints",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study",
@@ -98,7 +99,7 @@ ARROWS = {
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"
     " sensor",
     "report": "mounting page placement result tables within_reach",
-    "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
+    "delivery": "errors export_poses export_surfaces folder hints mounting page pictures placement"
     " reading report result",
     "spread": "camera errors estimate folder placement sensor sweep",
     "series_tables": "folder overrides reading result seriesplots spread sweep",
@@ -111,16 +112,16 @@ ARROWS = {
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
     "tolerance_words": "mounting pieces placement terminal tolerance",
-    "series_words": "series_tables spread sweep terminal",
+    "series_words": "hints series_tables spread sweep terminal",
     "compare": "camera coloring palette pieces placement scene scenesheets schema sheet stage"
     " tables terminal",
     "starter_meshes": "",
     "starter_texts": "",
-    "starter": "camera errors scene schema sensor starter_meshes starter_texts",
+    "starter": "camera errors hints scene schema sensor starter_meshes starter_texts",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
-    "cli_series": "delivery errors placement series series_tables series_words study sweep"
+    "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
     " placement reach reading starter study terminal wording workers",

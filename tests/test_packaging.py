@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import glvis
-from glvis.errors import installed_by
+from glvis.hints import installed_by
 from glvis.outputs.result import versions
 
 ROOT = Path(__file__).resolve().parents[1]

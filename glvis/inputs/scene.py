@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.errors import installed_by
+from glvis.hints import installed_by
 from glvis.inputs.meshfiles import fans, read_obj, read_off, read_stl
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")

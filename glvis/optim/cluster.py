@@ -20,7 +20,8 @@ from uuid import uuid4
 
 import numpy as np
 
-from glvis.errors import MachineError, StudyError, installed_by
+from glvis.errors import MachineError, StudyError
+from glvis.hints import installed_by
 from glvis.optim.workers import PATIENCE as PATIENCE_JOB
 from glvis.optim.workers import patience_with, shared_out
 from glvis.sight.maps import Bits, MapJob, MapScene

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from glvis.errors import MachineError, installed_by
+from glvis.errors import MachineError
+from glvis.hints import installed_by
 from glvis.optim.script import Floats, Problem, Script
 
 METHOD = "cma"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from glvis.drawing.pictures import SIZE, write_views
 from glvis.errors import MachineError, StudyError
+from glvis.hints import command
 from glvis.optim.placement import Placement
 from glvis.outputs.export_poses import write_exports, write_poses
 from glvis.outputs.export_surfaces import write_surfaces
@@ -163,4 +164,4 @@ def _tried(placement: Placement, folder: ResultFolder) -> list[str]:
     if not problem:
         return []
     shutil.rmtree(folder.staging / VIEWS, ignore_errors=True)
-    return [f"{problem}; 'glvis render {folder.path}' makes them"]
+    return [f"{problem}; {command('render', folder.path)} makes them"]
