@@ -54,9 +54,10 @@ ARROWS = {
     " visibility",
     "swarm": "box swarm_options",
     "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
+    "lengths": "schema",
     "overrides": "errors expressions schema",
-    "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
-    " search_options swarm_options visibility",
+    "study": "errors complaints expressions lengths mounts objective overrides pieces scene schema"
+    " sensor search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"

@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from glvis.errors import StudyError
 from glvis.inputs.complaints import first_error
 from glvis.inputs.expressions import nearest
+from glvis.inputs.lengths import with_plain_lengths
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.pieces import cut_models
@@ -127,6 +128,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         source = _read_text(path)
         data = _parsed(source)
         data, changes = overridden(data, overrides)
+        data = with_plain_lengths(data)
         try:
             table = StudyTable.model_validate(data)
         except ValidationError as error:
@@ -222,11 +224,18 @@ def _sensors(table: StudyTable) -> dict[str, Sensor]:
             known[name] = own.to_sensor(name)
     for mount in table.mount:
         if mount.sensor not in known:
+            # with other digits it is another product: d415 is no slip of d435
+            like = [name for name in known if _digits(name) == _digits(mount.sensor)]
             raise StudyError(
                 f"[[mount]] '{mount.name}' sensor = '{mount.sensor}' is unknown"
-                f"{nearest(mount.sensor, known)}; known are {', '.join(known)}"
+                f"{nearest(mount.sensor, like)}; known are {', '.join(known)}; "
+                "any other needs a table [sensor.NAME]"
             )
     return known
+
+
+def _digits(name: str) -> str:
+    return "".join(filter(str.isdigit, name))
 
 
 def _swarm(table: StudyTable) -> SwarmOptions:
