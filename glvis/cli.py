@@ -116,7 +116,7 @@ def init(
     path = write_starter(directory, model or (), example=example, unit=unit, sensors=sensors, up=up)
     say(f"Wrote {path}. Next:")
     for command in next_commands(path):
-        say(f"  {command}")
+        say(f"  {command}", to_paste=True)
 
 
 @app.command(epilog="Example:  glvis check scenes/arm.toml")

@@ -1,5 +1,6 @@
 """The command line: from a file to a result folder, and what it says on the way."""
 
+import io
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from glvis.errors import MachineError
 from glvis.optim.placement import Progress
 from glvis.outputs.folder import files_below
 from glvis.outputs.reading import read_result
-from glvis.terminal import _Lines, duration, table
+from glvis.terminal import _Lines, duration, say, table
 
 EXPORTS = ["README.txt", "blender_scene.py", "colmap/cameras.txt", "colmap/images.txt"]
 EXPORTS += ["colmap/points3D.txt", "cube.ply", "ros/sensors.urdf", "ros/static_transforms.sh"]
@@ -513,6 +514,57 @@ def test_workers_elsewhere_are_named_the_first_of_many(capsys):
 def test_times_are_told_as_people_tell_them():
     seconds = {0.04: "0.0 s", 9.94: "9.9 s", 47.6: "48 s", 200: "3 min 20 s", 7500: "2 h 5 min"}
     assert [duration(s) for s in seconds] == list(seconds.values())
+
+
+def terminal(monkeypatch, columns):
+    """Make standard output a terminal; return what is written there."""
+    written = io.StringIO()
+    written.isatty = lambda: True
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr("sys.stdout", written)
+    return written
+
+
+WIDE = ("model", "seen by all", "unique", "total", "seen %", "area %")
+WIDE += tuple(f"by {n}+ %" for n in (2, 3, 4))
+
+
+def test_tables_fit_into_the_terminal(monkeypatch):
+    terminal(monkeypatch, 80)
+    rows = [(f"{name}_franka", 118915, 91375, 202850, *["58.1"] * 5) for name in ("kitchen", "it")]
+    lines = table(WIDE, rows)
+    assert max(map(len, lines)) <= 80
+    assert [" ".join(line.split()) for line in lines[:3]] == [
+        "seen by by",
+        "model by all unique total seen % area % 2+ % 3+ % by 4+ %",
+        "kitchen_franka 118,915 91,375 202,850 58.1 58.1 58.1 58.1 58.1",
+    ]
+    assert len({line.rindex("1") for line in lines[2:]}) == 1  # still aligned
+    narrow = [("arm1", 1, 2, 3, *["58.1"] * 5)]
+    assert len(table(WIDE[:6], [row[:6] for row in narrow])) == 2  # nothing is broken without need
+
+
+def test_names_too_long_for_a_table_lose_their_middle():
+    rows = [(f"a_very_long_name_of_a_mesh_{k}", "x" * 60, 5) for k in (1, 2)]
+    lines = table(("model", "around", "n"), rows, 60)
+    assert max(map(len, lines)) <= 60
+    assert [line.split()[0][-2:] for line in lines[1:]] == ["_1", "_2"]
+    assert all("…" in line for line in lines[1:])
+    assert table(("model", "around", "n"), rows)[1].split()[0] == rows[0][0]  # a file has room
+
+
+def test_lines_break_between_words_on_a_terminal(monkeypatch):
+    written = terminal(monkeypatch, 40)
+    say("  Within reach is what some allowed pose sees")
+    say(f"  glvis check '{'a path/' * 20}'", to_paste=True)
+    lines = written.getvalue().splitlines()
+    assert lines[:2] == ["  Within reach is what some allowed pose", "    sees"]
+    assert len(lines) == 3
+
+
+def test_lines_stay_whole_in_a_file(capsys):
+    say("word " * 40 + "end")
+    assert capsys.readouterr().out == "word " * 40 + "end\n"
 
 
 def test_tables_align_numbers_right_and_words_left():

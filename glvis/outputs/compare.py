@@ -42,7 +42,7 @@ def named(directories: Sequence[Path], placements: Sequence[Placement]) -> list[
     paths = [directory.resolve() for directory in directories]
     length = 1
     while True:
-        names = ["/".join(path.parts[-length:]) for path in paths]
+        names = [Path(*path.parts[-length:]).as_posix() for path in paths]
         if len(set(names)) == len(names) or length >= max(len(p.parts) for p in paths):
             break
         length += 1
