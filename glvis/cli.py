@@ -35,9 +35,8 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="glvis",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # All mistakes in the use of options; typer brings its own copy of click or asks for one.
@@ -78,7 +77,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback(epilog="A first run:  glvis check arm.toml, then  glvis optimize arm.toml -o out/arm")
 def _glvis(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option(
+            "-V", "--version", callback=_print_version, is_eager=True, help="Print it and exit."
+        ),
     ] = False,
 ) -> None:
     """Find where to put cameras and depth sensors, and see what each of them sees.

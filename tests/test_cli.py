@@ -57,8 +57,35 @@ def index_of(folder: Path) -> dict:
     return json.loads((folder / "result.json").read_text())
 
 
-def test_version_is_printed(glvis_cli):
-    assert glvis_cli("--version") == (0, f"glvis {glvis.__version__}\n", "")
+@pytest.mark.parametrize("option", ["--version", "-V"])
+def test_version_is_printed(glvis_cli, option):
+    assert glvis_cli(option) == (0, f"glvis {glvis.__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [("glvis opt", ["optimize"]), ("glvis optimize --no", ["--no-pictures", "--no-meshes"])],
+)
+def test_shells_complete_commands_and_options(words, offered):
+    done = subprocess.run(
+        [sys.executable, "-m", "glvis"],
+        env=os.environ
+        | {"_GLVIS_COMPLETE": "complete_bash", "COMP_WORDS": words}
+        | {"COMP_CWORD": str(len(words.split()) - 1)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout.split(), done.stderr) == (offered, "")
+
+
+def test_help_runs_on_over_the_lines_of_its_source(glvis_cli):
+    _, out, _ = glvis_cli("optimize", "--help")
+    text = " ".join(out.split())
+    assert "The state of the search is kept after every iteration: what was killed goes" in text
+    lines = [line.strip() for line in out.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.startswith("Ctrl-C ends"))
+    assert len(lines[first]) + len(lines[first + 1].split()[0]) > 70  # no line ends early
 
 
 @pytest.mark.parametrize("command", ["check", "evaluate", "optimize", "render", "doctor"])
