@@ -147,6 +147,25 @@ def check(study: StudyFile, overrides: Set = None) -> None:
         say(line)
 
 
+@app.command(epilog="Examples:  glvis keys  and  glvis keys objective")
+def keys(
+    about: Annotated[
+        str, typer.Argument(metavar="TABLE", help="Only of a table, or of those with a key.")
+    ] = "",
+) -> None:
+    """List every key that a study may have: its default and what it means."""
+    from glvis.inputs.keys import tables_about
+    from glvis.terminal import listing, say
+
+    tables = tables_about(about)
+    say("Each key, what it is where the study leaves it out, and what it means.")
+    for table in tables:
+        say()
+        say(f"{table.name}: {table.about}")
+        for line in listing(list(table.rows())):
+            say(line, to_paste=True)
+
+
 @app.command(
     epilog="Example:  glvis evaluate scenes/arm.toml -o out/start,  or with the poses of another "
     "result:  glvis evaluate scenes/arm.toml -o out/again --poses out/arm/result.json"

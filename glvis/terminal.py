@@ -22,6 +22,7 @@ from glvis.optim.placement import Progress
 _SECONDS_BETWEEN_LINES = 5.0
 _MOST_NAMES = 3  # of workers in a line
 _GAP = "  "  # before each column of a table
+_FILE_COLUMNS = 100  # of paragraphs where there is no terminal
 _SHORTEST = 8  # letters that a cut text keeps
 
 
@@ -75,6 +76,22 @@ def table(
         ).rstrip()
         for row in cells
     ]
+
+
+def listing(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return lines with short words in columns and the last of each row as a paragraph."""
+    sizes = [max(map(len, column)) for column in list(zip(*rows, strict=True))[:-1]]
+    width = _columns(sys.stdout) or _FILE_COLUMNS
+    lines = []
+    for *words, text in rows:
+        start = "".join(_GAP + word.ljust(size) for word, size in zip(words, sizes, strict=True))
+        start += _GAP
+        # narrower than this no paragraph can be read; the terminal breaks the lines then
+        room = max(width, len(start) + 3 * _SHORTEST)
+        lines += textwrap.wrap(
+            text, room, initial_indent=start, subsequent_indent=" " * len(start)
+        ) or [start.rstrip()]
+    return lines
 
 
 def duration(seconds: float) -> str:

@@ -56,6 +56,7 @@ ARROWS = {
     "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
     "lengths": "schema",
     "overrides": "errors expressions schema",
+    "keys": "errors expressions overrides schema",
     "study": "errors complaints expressions lengths mounts objective overrides pieces scene schema"
     " sensor search_options swarm_options visibility",
     "checks": "camera mounts scene study",
@@ -124,7 +125,7 @@ ARROWS = {
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
     " terminal",
-    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
+    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder keys"
     " placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
