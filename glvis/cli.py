@@ -176,9 +176,9 @@ def evaluate(
     poses: Annotated[
         Path | None,
         typer.Option(
-            metavar="RESULT",
-            help="result.json of another result: its poses, by the names of the sensors, "
-            "in place of the study's start.",
+            metavar="FILE",
+            help="Poses in place of the study's start, by the names of the sensors: a result or "
+            "its folder, poses.csv, COLMAP's images.txt, or JSON of 4 x 4 matrices.",
         ),
     ] = None,
     overrides: Set = None,
@@ -195,12 +195,12 @@ def evaluate(
     from glvis.optim.placement import evaluate_poses
     from glvis.outputs.delivery import deliver, summary_of_files
     from glvis.outputs.folder import result_folder
-    from glvis.outputs.reading import read_poses
+    from glvis.outputs.given_poses import read_given_poses
     from glvis.outputs.wording import result_lines
     from glvis.terminal import say
 
     loaded = load_study(study, overrides or ())
-    given = read_poses(poses, loaded.sensor_names) if poses else None
+    given = read_given_poses(poses, loaded) if poses else None
     warnings = _warnings(loaded)
     with result_folder(output, overwrite=overwrite) as folder:
         placement = evaluate_poses(loaded, given)

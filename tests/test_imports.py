@@ -84,6 +84,7 @@ ARROWS = {
     "sweep": "errors estimate overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility",
+    "given_poses": "camera errors folder reading rotations schema study",
     "framing": "camera",
     "shading": "camera context errors framing glsl",
     "coloring": "palette pieces places scene sensor visibility",
@@ -125,8 +126,8 @@ ARROWS = {
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
     " terminal",
-    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder keys"
-    " placement reach reading starter study terminal wording workers",
+    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
+    " given_poses keys placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",
