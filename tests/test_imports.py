@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "glvis"
 ARROWS = {
     "errors": "",
     "hints": "",
+    "notebook": "",
     "camera": "",
     "objective": "",
     "glsl": "",
@@ -57,8 +58,8 @@ ARROWS = {
     "lengths": "schema",
     "overrides": "errors expressions schema",
     "keys": "errors expressions overrides schema",
-    "study": "errors complaints expressions lengths mounts objective overrides pieces scene schema"
-    " sensor search_options swarm_options visibility",
+    "study": "errors complaints expressions lengths mounts notebook objective overrides pieces"
+    " scene schema sensor search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
@@ -75,8 +76,8 @@ ARROWS = {
     "checkpoint": "errors study",
     "run": "checkpoint errors evaluator progress search study",
     "reach": "box checkpoint evaluator visibility",
-    "placement": "checkpoint cluster context evaluator maps progress reach run search study"
-    " visibility workers",
+    "placement": "camera checkpoint cluster context evaluator maps notebook pieces progress reach"
+    " run search study visibility workers",
     "folder": "errors hints",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
@@ -130,7 +131,7 @@ ARROWS = {
     " given_poses keys placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
-    "__init__": "errors scene sensor study visibility evaluator placement result",
+    "__init__": "errors scene sensor study visibility evaluator placement reading result",
 }
 
 # foreign library: the only modules that may talk to it

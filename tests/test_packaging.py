@@ -64,6 +64,10 @@ def test_wheel_holds_nothing_besides_the_package_and_its_description(wheel):
     assert others.pop().endswith(".dist-info")
 
 
+def test_wheel_says_that_its_types_may_be_read(wheel):
+    assert "glvis/py.typed" in names_in(wheel)
+
+
 def test_wheel_names_the_command_and_the_licence(wheel):
     with zipfile.ZipFile(wheel) as archive:
         texts = {

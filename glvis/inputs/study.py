@@ -27,6 +27,7 @@ from glvis.inputs.pieces import cut_models
 from glvis.inputs.scene import Model, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
+from glvis.notebook import html_table
 from glvis.optim.objective import Objective
 from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
@@ -88,6 +89,32 @@ class Study:
     search: SearchOptions = field(default_factory=SearchOptions)
     sweep: Mapping[str, Any] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        counts = (
+            (len(self.models), "model"),
+            (len(self.obstacles), "obstacle"),
+            (len(self.sensors), "sensor"),
+            (len(self.variables), "variable"),
+        )
+        words = [f"{n} {noun}{'' if n == 1 else 's'}" for n, noun in counts]
+        return f"Study({', '.join([repr(self.title), *words, self.objective.label])})"
+
+    def _repr_html_(self) -> str:
+        kinds = Counter(sensor.name for sensor in self.sensors)
+        return html_table(
+            self.title,
+            (),
+            [
+                ("models", ", ".join(f"{one.name} ({one.n_faces:,} faces)" for one in self.models)),
+                ("obstacles", ", ".join(one.name for one in self.obstacles) or "none"),
+                ("sensors", ", ".join(f"{n} {kind}" for kind, n in kinds.items())),
+                ("variables", str(len(self.variables))),
+                ("objective", self.objective.label),
+                ("search", self.search.method),
+                ("lengths", self.unit),
+            ],
+        )
 
     @property
     def variables(self) -> tuple[Variable, ...]:

@@ -72,6 +72,11 @@ class Objective:
             raise ValueError(f"cvar_fraction = {self.cvar_fraction:g} must lie in (0, 1]")
 
     @property
+    def label(self) -> str:
+        """What it is called: "OF1 by area"."""
+        return f"{self.kind.upper()} by {'area' if self.by_area else 'faces'}"
+
+    @property
     def is_share(self) -> bool:
         """Whether a model's value is divided by the number (or area) of all its faces."""
         return self.normalize or self.kind == "of1"
