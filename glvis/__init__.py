@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from glvis.inputs.study import Study, load_study
     from glvis.optim.evaluator import Evaluator
     from glvis.optim.placement import Placement, evaluate_poses, place_sensors
+    from glvis.outputs.reading import read_result
     from glvis.sight.visibility import VisibilityMap
 
 __version__ = "0.1.0"
@@ -22,6 +23,7 @@ __all__ = [
     "evaluate_poses",
     "load_study",
     "place_sensors",
+    "read_result",
 ]
 
 # Where the public names live; imported when first asked for, as ``--help`` needs none of them.
@@ -35,7 +37,12 @@ _HOMES = {
     "evaluate_poses": "optim.placement",
     "load_study": "inputs.study",
     "place_sensors": "optim.placement",
+    "read_result": "outputs.reading",
 }
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])
 
 
 def __getattr__(name: str) -> object:

@@ -35,9 +35,8 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="glvis",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # All mistakes in the use of options; typer brings its own copy of click or asks for one.
@@ -78,7 +77,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback(epilog="A first run:  glvis check arm.toml, then  glvis optimize arm.toml -o out/arm")
 def _glvis(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option(
+            "-V", "--version", callback=_print_version, is_eager=True, help="Print it and exit."
+        ),
     ] = False,
 ) -> None:
     """Find where to put cameras and depth sensors, and see what each of them sees.
@@ -116,7 +118,7 @@ def init(
     path = write_starter(directory, model or (), example=example, unit=unit, sensors=sensors, up=up)
     say(f"Wrote {path}. Next:")
     for command in next_commands(path):
-        say(f"  {command}")
+        say(f"  {command}", to_paste=True)
 
 
 @app.command(epilog="Example:  glvis check scenes/arm.toml")
@@ -145,6 +147,25 @@ def check(study: StudyFile, overrides: Set = None) -> None:
         say(line)
 
 
+@app.command(epilog="Examples:  glvis keys  and  glvis keys objective")
+def keys(
+    about: Annotated[
+        str, typer.Argument(metavar="TABLE", help="Only of a table, or of those with a key.")
+    ] = "",
+) -> None:
+    """List every key that a study may have: its default and what it means."""
+    from glvis.inputs.keys import tables_about
+    from glvis.terminal import listing, say
+
+    tables = tables_about(about)
+    say("Each key, what it is where the study leaves it out, and what it means.")
+    for table in tables:
+        say()
+        say(f"{table.name}: {table.about}")
+        for line in listing(list(table.rows())):
+            say(line, to_paste=True)
+
+
 @app.command(
     epilog="Example:  glvis evaluate scenes/arm.toml -o out/start,  or with the poses of another "
     "result:  glvis evaluate scenes/arm.toml -o out/again --poses out/arm/result.json"
@@ -155,9 +176,9 @@ def evaluate(
     poses: Annotated[
         Path | None,
         typer.Option(
-            metavar="RESULT",
-            help="result.json of another result: its poses, by the names of the sensors, "
-            "in place of the study's start.",
+            metavar="FILE",
+            help="Poses in place of the study's start, by the names of the sensors: a result or "
+            "its folder, poses.csv, COLMAP's images.txt, or JSON of 4 x 4 matrices.",
         ),
     ] = None,
     overrides: Set = None,
@@ -174,12 +195,12 @@ def evaluate(
     from glvis.optim.placement import evaluate_poses
     from glvis.outputs.delivery import deliver, summary_of_files
     from glvis.outputs.folder import result_folder
-    from glvis.outputs.reading import read_poses
+    from glvis.outputs.given_poses import read_given_poses
     from glvis.outputs.wording import result_lines
     from glvis.terminal import say
 
     loaded = load_study(study, overrides or ())
-    given = read_poses(poses, loaded.sensor_names) if poses else None
+    given = read_given_poses(poses, loaded) if poses else None
     warnings = _warnings(loaded)
     with result_folder(output, overwrite=overwrite) as folder:
         placement = evaluate_poses(loaded, given)
@@ -232,7 +253,7 @@ def optimize(
         typer.Option(
             metavar="ADDRESS",
             help="Render on the workers of a dask cluster instead, by the address of its "
-            "scheduler, such as tcp://scheduler:8786; needs glvis\\[cluster].",
+            "scheduler, such as tcp://scheduler:8786; needs the extra 'cluster'.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -333,9 +354,14 @@ def optimize(
 
 def _warnings(study: Study) -> list[str]:
     from glvis.inputs.checks import study_warnings
-    from glvis.outputs.wording import large_face_warnings, resolution_warnings
+    from glvis.outputs.wording import large_face_warnings, resolution_warnings, search_warnings
 
-    return [*study_warnings(study), *resolution_warnings(study), *large_face_warnings(study)]
+    return [
+        *study_warnings(study),
+        *search_warnings(study),
+        *resolution_warnings(study),
+        *large_face_warnings(study),
+    ]
 
 
 def _say_that_pictures_come(wanted: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -56,7 +56,7 @@ def render(
     if view:
         look = replace(look, view=_two_numbers("--view", view, ",", "30,20"))
     names = render_again(result, look)
-    say(f"{len(names)} pictures in {result}: {', '.join(names)}")
+    say(_pictures_line(names, result))
 
 
 def _two_numbers(option: str, text: str, between: str, example: str) -> tuple[float, float]:
@@ -188,7 +188,7 @@ def compare(
 
     With -o: for each model the layouts in the same view, and a map of the difference.
     """
-    from glvis.outputs.compare import comparison_lines, named, write_comparison
+    from glvis.outputs.compare import comparison_lines, named, shared_models, write_comparison
     from glvis.outputs.folder import result_folder
     from glvis.outputs.reading import read_result
 
@@ -198,8 +198,15 @@ def compare(
     if output is None:
         _say_all(comparison_lines(layouts))
         return
+    if not shared_models(layouts):
+        raise StudyError("-o: no model is the same mesh in all layouts; there is nothing to draw")
     with result_folder(output) as folder:
         paths = write_comparison(layouts, folder.staging)
         names = [path.name for path in paths]
     _say_all(comparison_lines(layouts))
-    _say_all([f"{len(names)} pictures in {output}: {', '.join(names)}"])
+    _say_all([_pictures_line(names, output)])
+
+
+def _pictures_line(names: Sequence[str], folder: Path) -> str:
+    pictures = "1 picture" if len(names) == 1 else f"{len(names)} pictures"
+    return f"{pictures} in {folder}: {', '.join(names)}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from glvis.errors import MachineError, StudyError
+from glvis.hints import command
 
 if TYPE_CHECKING:
     from glvis.inputs.study import Study
@@ -138,7 +139,9 @@ def _finish(directory: Path, plan: Plan, pictures: bool) -> None:
         try:
             render_again(path)
         except KeyboardInterrupt:
-            failures.append(f"pictures were left out on Ctrl-C; 'glvis render {path}' makes them")
+            failures.append(
+                f"pictures were left out on Ctrl-C; {command('render', path)} makes them"
+            )
             break
         except MachineError as error:
             failures.append(f"the pictures of {path} could not be made: {error}")

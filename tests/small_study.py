@@ -45,6 +45,13 @@ sensor = "eye"
 position = [0, -4, 0]
 direction = { azimuth_deg = "azimuth", elevation_deg = "elevation" }
 
+[objective]
+kind = "of3"
+by_area = false
+
+[search]
+method = "swarm"
+
 [swarm]
 particles = 6
 iterations = 4

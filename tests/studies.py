@@ -35,6 +35,13 @@ position = [0, 0, 4]
 direction = [0, 0, -1]
 roll_deg = 30
 
+[objective]
+kind = "of3"
+by_area = false
+
+[search]
+method = "swarm"
+
 [swarm]
 particles = 4
 iterations = 2

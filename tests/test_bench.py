@@ -18,7 +18,7 @@ def run(*arguments: str) -> str:
 
 
 def test_both_sides_of_the_benchmark_make_the_same_maps():
-    pytest.importorskip("embreex", reason="the rival is missing: pip install 'glvis[bench]'")
+    pytest.importorskip("embreex", reason="the rival is missing: pip install '.[bench]'")
     row = json.loads(run("--one-size", "20000", "--repeats", "1").splitlines()[-1])
     assert abs(row["faces"] - 20000) < 500
     assert row["centroid_iou"] > 0.995 and row["pixels_iou"] > 0.99
@@ -26,7 +26,7 @@ def test_both_sides_of_the_benchmark_make_the_same_maps():
 
 
 def test_an_unknown_part_of_the_benchmark_is_refused():
-    pytest.importorskip("embreex", reason="the rival is missing: pip install 'glvis[bench]'")
+    pytest.importorskip("embreex", reason="the rival is missing: pip install '.[bench]'")
     done = subprocess.run(
         [sys.executable, str(BENCH), "--only", "speed"], capture_output=True, text=True, check=False
     )

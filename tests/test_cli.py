@@ -1,5 +1,6 @@
 """The command line: from a file to a result folder, and what it says on the way."""
 
+import io
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from glvis.errors import MachineError
 from glvis.optim.placement import Progress
 from glvis.outputs.folder import files_below
 from glvis.outputs.reading import read_result
-from glvis.terminal import _Lines, duration, table
+from glvis.terminal import _Lines, duration, say, table
 
 EXPORTS = ["README.txt", "blender_scene.py", "colmap/cameras.txt", "colmap/images.txt"]
 EXPORTS += ["colmap/points3D.txt", "cube.ply", "ros/sensors.urdf", "ros/static_transforms.sh"]
@@ -56,8 +57,35 @@ def index_of(folder: Path) -> dict:
     return json.loads((folder / "result.json").read_text())
 
 
-def test_version_is_printed(glvis_cli):
-    assert glvis_cli("--version") == (0, f"glvis {glvis.__version__}\n", "")
+@pytest.mark.parametrize("option", ["--version", "-V"])
+def test_version_is_printed(glvis_cli, option):
+    assert glvis_cli(option) == (0, f"glvis {glvis.__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [("glvis opt", ["optimize"]), ("glvis optimize --no", ["--no-pictures", "--no-meshes"])],
+)
+def test_shells_complete_commands_and_options(words, offered):
+    done = subprocess.run(
+        [sys.executable, "-m", "glvis"],
+        env=os.environ
+        | {"_GLVIS_COMPLETE": "complete_bash", "COMP_WORDS": words}
+        | {"COMP_CWORD": str(len(words.split()) - 1)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout.split(), done.stderr) == (offered, "")
+
+
+def test_help_runs_on_over_the_lines_of_its_source(glvis_cli):
+    _, out, _ = glvis_cli("optimize", "--help")
+    text = " ".join(out.split())
+    assert "The state of the search is kept after every iteration: what was killed goes" in text
+    lines = [line.strip() for line in out.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.startswith("Ctrl-C ends"))
+    assert len(lines[first]) + len(lines[first + 1].split()[0]) > 70  # no line ends early
 
 
 @pytest.mark.parametrize("command", ["check", "evaluate", "optimize", "render", "doctor"])
@@ -98,6 +126,22 @@ def test_check_warns_of_what_will_disappoint(glvis_cli, study):
     assert code == 0
     assert "Warning: cube: is 0.00173 mm across, the sensors reach 12 mm; is unit = 'mm'" in out
     assert "Warning: cube: 100 % of the faces are smaller than a pixel of eye" in out
+
+
+def test_check_says_what_a_study_leaves_to_defaults(glvis_cli, study):
+    assert "(by default" not in glvis_cli("check", study)[1]
+    text = study.read_text()
+    bare = text.replace('kind = "of3"\nby_area = false\n', "").replace('method = "swarm"\n', "")
+    study.write_text(bare)
+    _, out, _ = glvis_cli("check", study)
+    assert (
+        "Objective: OF1 by area; mean over 2 models "
+        "(by default: the study does not say objective.kind)\n"
+        "Search: auto, seed 1 (by default: the study does not say search.method)\n"
+    ) in out
+    assert "Warning: [swarm]: its options have no say in 'auto', which searches" in out
+    study.write_text(bare.replace("particles = 4\niterations = 2\n", "seed = 3\n"))
+    assert "[swarm]" not in glvis_cli("check", study)[1]
 
 
 def test_check_writes_nothing(glvis_cli, study, tmp_path, monkeypatch):
@@ -497,6 +541,57 @@ def test_workers_elsewhere_are_named_the_first_of_many(capsys):
 def test_times_are_told_as_people_tell_them():
     seconds = {0.04: "0.0 s", 9.94: "9.9 s", 47.6: "48 s", 200: "3 min 20 s", 7500: "2 h 5 min"}
     assert [duration(s) for s in seconds] == list(seconds.values())
+
+
+def terminal(monkeypatch, columns):
+    """Make standard output a terminal; return what is written there."""
+    written = io.StringIO()
+    written.isatty = lambda: True
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr("sys.stdout", written)
+    return written
+
+
+WIDE = ("model", "seen by all", "unique", "total", "seen %", "area %")
+WIDE += tuple(f"by {n}+ %" for n in (2, 3, 4))
+
+
+def test_tables_fit_into_the_terminal(monkeypatch):
+    terminal(monkeypatch, 80)
+    rows = [(f"{name}_franka", 118915, 91375, 202850, *["58.1"] * 5) for name in ("kitchen", "it")]
+    lines = table(WIDE, rows)
+    assert max(map(len, lines)) <= 80
+    assert [" ".join(line.split()) for line in lines[:3]] == [
+        "seen by by",
+        "model by all unique total seen % area % 2+ % 3+ % by 4+ %",
+        "kitchen_franka 118,915 91,375 202,850 58.1 58.1 58.1 58.1 58.1",
+    ]
+    assert len({line.rindex("1") for line in lines[2:]}) == 1  # still aligned
+    narrow = [("arm1", 1, 2, 3, *["58.1"] * 5)]
+    assert len(table(WIDE[:6], [row[:6] for row in narrow])) == 2  # nothing is broken without need
+
+
+def test_names_too_long_for_a_table_lose_their_middle():
+    rows = [(f"a_very_long_name_of_a_mesh_{k}", "x" * 60, 5) for k in (1, 2)]
+    lines = table(("model", "around", "n"), rows, 60)
+    assert max(map(len, lines)) <= 60
+    assert [line.split()[0][-2:] for line in lines[1:]] == ["_1", "_2"]
+    assert all("…" in line for line in lines[1:])
+    assert table(("model", "around", "n"), rows)[1].split()[0] == rows[0][0]  # a file has room
+
+
+def test_lines_break_between_words_on_a_terminal(monkeypatch):
+    written = terminal(monkeypatch, 40)
+    say("  Within reach is what some allowed pose sees")
+    say(f"  glvis check '{'a path/' * 20}'", to_paste=True)
+    lines = written.getvalue().splitlines()
+    assert lines[:2] == ["  Within reach is what some allowed pose", "    sees"]
+    assert len(lines) == 3
+
+
+def test_lines_stay_whole_in_a_file(capsys):
+    say("word " * 40 + "end")
+    assert capsys.readouterr().out == "word " * 40 + "end\n"
 
 
 def test_tables_align_numbers_right_and_words_left():

@@ -1,5 +1,6 @@
 """Layouts side by side: who sees what, how far sensors moved, names and pictures."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from studies import SMALL, write_small_study
 from glvis.camera import camera_to_world
 from glvis.cli import main
 from glvis.drawing.palette import SEEN_COLOR, UNSEEN_COLOR
+from glvis.drawing.scenesheets import subtitle
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
 from glvis.outputs.compare import (
@@ -18,6 +20,7 @@ from glvis.outputs.compare import (
     NEITHER,
     SECOND,
     Layout,
+    _difference_sheet,
     comparison_lines,
     difference,
     difference_coloring,
@@ -95,6 +98,65 @@ def test_only_equal_meshes_are_compared_face_by_face(layouts, tmp_path):
     assert shared_models(layouts) == ["cube", "small"]
     lines = list(comparison_lines([layouts[0], other]))
     assert lines[-1].startswith("No model is the same mesh in all layouts")
+
+
+def inches(text: str) -> str:
+    """Return the small study with every length of its rig and meshes in inches instead of mm."""
+    numbers = (
+        "min = 2, max = 6, start = 3 }, 3, 3]",
+        "position = [0, 0, 4]",
+        "max_distance = 12",
+    )
+    for old in numbers:
+        assert old in text
+        new = re.sub(r"\d+", lambda found: repr(int(found[0]) / 25.4), old)
+        text = text.replace(old, new)
+    return text.replace("[scene]", f'unit = "in"\n[scene]\nscale = {1 / 25.4!r}')
+
+
+def test_lengths_of_other_units_are_converted(layouts, tmp_path):
+    first = layouts[0].placement
+    other = evaluate_poses(load_study(write_small_study(tmp_path, inches(SMALL))))
+    assert not np.allclose(other.camera_to_world, first.camera_to_world)
+    for name, far, turn in sensor_moves(first, other):
+        assert far == pytest.approx(0, abs=1e-9), name
+        assert turn == pytest.approx(0, abs=1e-9), name
+    poses = other.camera_to_world.copy()
+    poses[2, 0, 3] += 1
+    moved = replace(other, camera_to_world=poses)
+    assert sensor_moves(first, moved)[2][1] == pytest.approx(25.4)  # in the unit of the first
+    assert sensor_moves(moved, first)[2][1] == pytest.approx(1)
+
+
+def test_meshes_in_other_units_are_not_compared_face_by_face(layouts, tmp_path):
+    text = SMALL.replace("[scene]", 'unit = "in"\n[scene]')  # the same numbers, another size
+    other = Layout("inches", evaluate_poses(load_study(write_small_study(tmp_path, text))))
+    assert shared_models([layouts[0], other]) == []
+    lines = list(comparison_lines([layouts[0], other]))
+    assert lines[-1].startswith("No model is the same mesh in one unit in all layouts")
+    assert ["sensor", "moved", "[mm]", "turned", "[deg]"] in [line.split() for line in lines]
+
+
+def test_difference_picture_says_which_layout_its_subtitle_is_about(layouts, monkeypatch):
+    said = []
+    monkeypatch.setattr(
+        "glvis.outputs.compare.close_sheet", lambda stage, painted: said.append(subtitle(stage))
+    )
+    _difference_sheet(*layouts, "cube")
+    assert len(said) == 1 and said[0].startswith("below · ")
+
+
+def test_layouts_without_a_common_mesh_are_not_drawn(layouts, tmp_path, capsys):
+    folders = []
+    for name, text in (("one", SMALL), ("two", SMALL.replace("[scene]", "[scene]\nscale = 2"))):
+        (tmp_path / f"{name}-study").mkdir()
+        study = str(write_small_study(tmp_path / f"{name}-study", text))
+        folders.append(str(tmp_path / name))
+        assert main(["evaluate", study, "-o", folders[-1], "--no-pictures"]) == 0
+    capsys.readouterr()
+    assert main(["compare", *folders, "-o", str(tmp_path / "compared")]) == 2
+    assert "no model is the same mesh in all layouts" in capsys.readouterr().err
+    assert not (tmp_path / "compared").exists()
 
 
 def test_table_has_a_column_a_layout(layouts):

@@ -57,7 +57,7 @@ def test_a_run_renders_no_more_maps_than_it_was_estimated(tmp_path):
     ],
 )
 def test_budget_of_the_search_counts(tmp_path, table, run_maps):
-    text = SMALL.replace("[swarm]", f"[search]\n{table}\n[swarm]")
+    text = SMALL.replace('method = "swarm"', table)
     study = load_study(write_small_study(tmp_path, text))
     assert measured_cost(study, max_seconds=0.0).run_maps == run_maps
 
@@ -75,7 +75,7 @@ def test_time_is_shared_by_workers_and_ends_with_the_studys_own():
 
 
 def test_shortest_of_the_studys_times_counts(tmp_path):
-    text = SMALL.replace("[swarm]", "[search]\nmethod = 'swarm'\nmax_seconds = 5\n[swarm]")
+    text = SMALL.replace('method = "swarm"', 'method = "swarm"\nmax_seconds = 5')
     path = write_small_study(tmp_path, text + "max_seconds = 9\n")
     assert measured_cost(load_study(path), max_seconds=0.0).max_seconds == 5
     shorter = ["swarm.max_seconds=3"]

@@ -11,6 +11,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / "glvis"
 # module: what it may import from glvis, all of it in rows above
 ARROWS = {
     "errors": "",
+    "hints": "",
+    "notebook": "",
     "camera": "",
     "objective": "",
     "glsl": "",
@@ -27,13 +29,13 @@ ARROWS = {
     "script": "box errors swarm_options",
     "greedy": "script",
     "refine": "box script",
-    "covariance": "errors script",
+    "covariance": "errors hints script",
     "differential": "script",
     "climb": "script",
     "rivals": "climb script",
     "auto": "climb greedy rivals script",
     "sensor": "camera",
-    "scene": "meshfiles",
+    "scene": "hints meshfiles",
     "layout": "expressions",
     "mounts": "camera expressions layout",
     "clusters": "scene",
@@ -53,9 +55,11 @@ ARROWS = {
     " visibility",
     "swarm": "box swarm_options",
     "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
+    "lengths": "schema",
     "overrides": "errors expressions schema",
-    "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
-    " search_options swarm_options visibility",
+    "keys": "errors expressions overrides schema",
+    "study": "errors complaints expressions lengths mounts notebook objective overrides pieces"
+    " scene schema sensor search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
@@ -64,7 +68,7 @@ ARROWS = {
     "worker": "maps",
     "workers": "context errors maps",
     "remote": "context errors maps",
-    "cluster": "errors maps remote workers",
+    "cluster": "errors hints maps remote workers",
     "memory": "",
     "guess": "memory sensor study",
     "search": "auto box covariance differential greedy guess refine script search_options study"
@@ -72,15 +76,16 @@ ARROWS = {
     "checkpoint": "errors study",
     "run": "checkpoint errors evaluator progress search study",
     "reach": "box checkpoint evaluator visibility",
-    "placement": "checkpoint cluster context evaluator maps progress reach run search study"
-    " visibility workers",
-    "folder": "errors",
+    "placement": "camera checkpoint cluster context evaluator maps notebook pieces progress reach"
+    " run search study visibility workers",
+    "folder": "errors hints",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study",
     "sweep": "errors estimate overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility",
+    "given_poses": "camera errors folder reading rotations schema study",
     "framing": "camera",
     "shading": "camera context errors framing glsl",
     "coloring": "palette pieces places scene sensor visibility",
@@ -98,34 +103,35 @@ ARROWS = {
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"
     " sensor",
     "report": "mounting page placement result tables within_reach",
-    "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
+    "delivery": "errors export_poses export_surfaces folder hints mounting page pictures placement"
     " reading report result",
     "spread": "camera errors estimate folder placement sensor sweep",
     "series_tables": "folder overrides reading result seriesplots spread sweep",
     "series": "delivery errors folder placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
-    "wording": "errors estimate pieces placement study tables terminal visibility within_reach",
+    "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
+    " within_reach",
     "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
     "tolerance_words": "mounting pieces placement terminal tolerance",
-    "series_words": "series_tables spread sweep terminal",
-    "compare": "camera coloring palette pieces placement scene scenesheets sheet stage tables"
-    " terminal",
+    "series_words": "hints series_tables spread sweep terminal",
+    "compare": "camera coloring palette pieces placement scene scenesheets schema sheet stage"
+    " tables terminal",
     "starter_meshes": "",
     "starter_texts": "",
-    "starter": "camera errors scene schema sensor starter_meshes starter_texts",
+    "starter": "camera errors hints scene schema sensor starter_meshes starter_texts",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
-    "cli_series": "delivery errors placement series series_tables series_words study sweep"
+    "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
-    " placement reach reading starter study terminal wording workers",
+    " given_poses keys placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
-    "__init__": "errors scene sensor study visibility evaluator placement result",
+    "__init__": "errors scene sensor study visibility evaluator placement reading result",
 }
 
 # foreign library: the only modules that may talk to it

@@ -12,15 +12,25 @@ COUNTS = np.array([1, 2, 0])
 AREA = np.array([2.0, 1.0, 5.0])
 
 
+def paper(**settings):
+    """Return an objective that counts faces, OF3 unless told otherwise."""
+    return Objective(**({"kind": "of3", "by_area": False} | settings))
+
+
 def value(counts=COUNTS, area=AREA, **settings):
-    return Objective(**settings).terms(counts, area)["value"]
+    return paper(**settings).terms(counts, area)["value"]
 
 
 # --- by hand
 
 
+def test_without_a_word_the_share_of_the_area_counts_and_further_views_cost_nothing():
+    assert Objective().terms(COUNTS, AREA)["value"] == pytest.approx(3 / 8)
+    assert Objective().terms([9, 2, 0], AREA)["value"] == pytest.approx(3 / 8)
+
+
 def test_raw_terms_of_three_faces_and_two_sensors():
-    terms = Objective(normalize=False).terms(COUNTS, AREA)
+    terms = paper(normalize=False).terms(COUNTS, AREA)
     assert terms["t_tot"] == 3  # 2 + 1, Eq. (6)
     assert terms["of1"] == pytest.approx(2 / 3)  # Eq. (1)
     assert terms["of2"] == 1 * 1 + 10 * 1  # Eq. (4), Table 1
@@ -29,7 +39,7 @@ def test_raw_terms_of_three_faces_and_two_sensors():
 
 
 def test_normalised_terms_are_the_raw_ones_divided_by_the_number_of_faces():
-    terms = Objective().terms(COUNTS, AREA)
+    terms = paper().terms(COUNTS, AREA)
     assert terms["t_tot"] == pytest.approx(3 / 3)
     assert terms["of1"] == pytest.approx(2 / 3)
     assert terms["of2"] == pytest.approx(11 / 3)
@@ -37,12 +47,12 @@ def test_normalised_terms_are_the_raw_ones_divided_by_the_number_of_faces():
 
 
 def test_terms_by_area():
-    raw = Objective(by_area=True, normalize=False).terms(COUNTS, AREA)
+    raw = paper(by_area=True, normalize=False).terms(COUNTS, AREA)
     assert raw["t_tot"] == 1 * 2 + 2 * 1
     assert raw["of1"] == pytest.approx(3 / 8)  # Eq. (3) over the total area
     assert raw["of2"] == 1 * 2 + 10 * 1
     assert raw["of3"] == 4 + 2 * 3 + 12
-    normalised = Objective(by_area=True).terms(COUNTS, AREA)
+    normalised = paper(by_area=True).terms(COUNTS, AREA)
     for term in ("t_tot", "of2", "of3"):
         assert normalised[term] == pytest.approx(raw[term] / 8)
     assert normalised["of1"] == raw["of1"]
@@ -50,7 +60,7 @@ def test_terms_by_area():
 
 @pytest.mark.parametrize("kind", ["of1", "of2", "of3"])
 def test_kind_names_the_term_that_is_maximised(kind):
-    terms = Objective(kind=kind).terms(COUNTS, AREA)
+    terms = paper(kind=kind).terms(COUNTS, AREA)
     assert terms["value"] == terms[kind]
 
 
@@ -74,12 +84,12 @@ def test_overlap_weights_are_those_of_table_1(name, weights):
 def test_term_weights_are_those_of_table_2(name, weights):
     assert set(TERM_WEIGHTS) == {"set1", "set2"}
     w_tot, w_of1, w_of2 = TERM_WEIGHTS[name]
-    objective = Objective(w_tot=w_tot, w_of1=w_of1, w_of2=w_of2, normalize=False)
+    objective = paper(w_tot=w_tot, w_of1=w_of1, w_of2=w_of2, normalize=False)
     assert objective.terms(COUNTS, AREA)["of3"] == np.dot(weights, (3, 2, 11))
 
 
 def test_defaults_are_the_set_that_served_the_paper_best():
-    default = Objective()
+    default = paper()
     assert (default.w_tot, default.w_of1, default.w_of2) == TERM_WEIGHTS["set1"]
     assert default.overlap == OVERLAP_WEIGHTS["set1"]
 
@@ -89,15 +99,15 @@ def test_short_overlap_table_goes_on_with_its_last_weight():
 
 
 def test_nothing_seen_is_worth_nothing():
-    terms = Objective().terms(np.zeros(4, dtype=int), np.ones(4))
+    terms = paper().terms(np.zeros(4, dtype=int), np.ones(4))
     assert set(terms.values()) == {0.0}
 
 
 def test_a_model_without_faces_or_area_is_refused():
     with pytest.raises(ValueError, match=r"the model has no face \(or no area\) to see"):
-        Objective().terms(np.zeros(0, dtype=int), np.zeros(0))
+        paper().terms(np.zeros(0, dtype=int), np.zeros(0))
     with pytest.raises(ValueError, match=r"the model has no face \(or no area\) to see"):
-        Objective(by_area=True).terms(COUNTS, np.zeros(3))
+        paper(by_area=True).terms(COUNTS, np.zeros(3))
 
 
 # --- over models
@@ -105,17 +115,17 @@ def test_a_model_without_faces_or_area_is_refused():
 
 def test_models_are_averaged_or_judged_by_the_worst():
     values = np.array([[1.0, 2.0, 6.0, 3.0], [4.0, 4.0, 4.0, 0.0]])
-    np.testing.assert_allclose(Objective().aggregated(values), [3, 3])
-    np.testing.assert_allclose(Objective(aggregate="min").aggregated(values), [1, 0])
-    np.testing.assert_allclose(Objective(aggregate="cvar").aggregated(values), [1.5, 2])
+    np.testing.assert_allclose(paper().aggregated(values), [3, 3])
+    np.testing.assert_allclose(paper(aggregate="min").aggregated(values), [1, 0])
+    np.testing.assert_allclose(paper(aggregate="cvar").aggregated(values), [1.5, 2])
     for fraction, expected in ((0.01, [1, 0]), (0.3, [1.5, 2]), (1.0, [3, 3])):
-        cvar = Objective(aggregate="cvar", cvar_fraction=fraction)
+        cvar = paper(aggregate="cvar", cvar_fraction=fraction)
         np.testing.assert_allclose(cvar.aggregated(values), expected)
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "min", "cvar"])
 def test_one_model_is_its_own_aggregate(aggregate):
-    np.testing.assert_array_equal(Objective(aggregate=aggregate).aggregated([[7.5]]), [7.5])
+    np.testing.assert_array_equal(paper(aggregate=aggregate).aggregated([[7.5]]), [7.5])
 
 
 # --- what must hold for any map
@@ -192,7 +202,7 @@ def test_normalised_value_does_not_change_when_every_face_is_halved(seed):
 @pytest.mark.parametrize("overlap", [*OVERLAP_WEIGHTS.values(), (-1.0, -2.0)])
 @pytest.mark.parametrize("kind", ["of1", "of2", "of3"])
 def test_no_map_exceeds_the_upper_bound_and_one_attains_it(rng, kind, overlap):
-    objective = Objective(kind=kind, overlap=overlap)
+    objective = paper(kind=kind, overlap=overlap)
     bound = objective.upper_bound
     for _ in range(50):
         visible, area = random_maps(rng, len(overlap))
@@ -204,10 +214,10 @@ def test_no_map_exceeds_the_upper_bound_and_one_attains_it(rng, kind, overlap):
 
 
 def test_upper_bound_of_the_arm_study_is_15_and_raw_counts_have_none():
-    assert Objective().upper_bound == 3 + 2 + 10
-    assert Objective(kind="of2").upper_bound == 10
-    assert Objective(kind="of1", normalize=False).upper_bound == 1
-    assert Objective(normalize=False).upper_bound == math.inf
+    assert paper().upper_bound == 3 + 2 + 10
+    assert paper(kind="of2").upper_bound == 10
+    assert paper(kind="of1", normalize=False).upper_bound == 1
+    assert paper(normalize=False).upper_bound == math.inf
 
 
 # --- refusals
@@ -225,7 +235,7 @@ def test_upper_bound_of_the_arm_study_is_15_and_raw_counts_have_none():
 )
 def test_settings_that_mean_nothing_are_refused(settings, message):
     with pytest.raises(ValueError) as error:
-        Objective(**settings)
+        paper(**settings)
     assert str(error.value) == message
 
 
@@ -233,7 +243,7 @@ def test_settings_that_mean_nothing_are_refused(settings, message):
 @pytest.mark.parametrize("by_area", [False, True])
 @pytest.mark.parametrize("normalize", [False, True])
 def test_values_of_many_layouts_are_those_of_each(kind, by_area, normalize, rng):
-    objective = Objective(kind=kind, by_area=by_area, normalize=normalize)
+    objective = paper(kind=kind, by_area=by_area, normalize=normalize)
     counts, area = rng.integers(0, 9, (20, 30)), rng.random(30)
     counts[0] = 0
     each = [objective.terms(row, area)["value"] for row in counts]

@@ -1,12 +1,18 @@
 """What a wheel holds: every module, every shader, every file of the viewer, and nothing else."""
 
+import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+
+import glvis
+from glvis.hints import installed_by
+from glvis.outputs.result import versions
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -58,6 +64,10 @@ def test_wheel_holds_nothing_besides_the_package_and_its_description(wheel):
     assert others.pop().endswith(".dist-info")
 
 
+def test_wheel_says_that_its_types_may_be_read(wheel):
+    assert "glvis/py.typed" in names_in(wheel)
+
+
 def test_wheel_names_the_command_and_the_licence(wheel):
     with zipfile.ZipFile(wheel) as archive:
         texts = {
@@ -67,6 +77,37 @@ def test_wheel_names_the_command_and_the_licence(wheel):
         }
     assert "glvis = glvis.cli:main" in texts["entry_points.txt"]
     assert "MIT License" in texts["LICENSE"]
+
+
+def test_distribution_has_a_name_of_its_own_and_the_version_of_the_package(wheel):
+    # "glvis" on the index is a widget for notebooks by others
+    assert wheel.name == f"glvis_placement-{glvis.__version__}-py3-none-any.whl"
+    assert versions()["glvis"] == glvis.__version__  # whatever else is installed as "glvis"
+
+
+def test_nobody_is_told_to_install_glvis_from_an_index():
+    told = re.compile(
+        r"""pip3? (install|download) (-\S+ )*['"]?glvis(?!_placement-)|\bglvis\\*\[[a-z]"""
+    )
+    files = [ROOT / "README.md", ROOT / "pyproject.toml"]
+    for folder in ("glvis", "scenes", "tests", "tools"):
+        files += [path for path in (ROOT / folder).rglob("*") if path.is_file()]
+    texts = {
+        path: path.read_text(encoding="utf-8", errors="replace")
+        for path in files
+        if path.suffix not in (".png", ".pyc", ".stl", ".npz") and path != Path(__file__)
+    }
+    assert len(texts) > 100
+    assert [str(path) for path, text in texts.items() if told.search(text)] == []
+
+
+@pytest.mark.parametrize("extra", ["cluster", "methods", "mesh"])
+def test_what_is_missing_is_installed_from_the_checkout_or_a_wheel(extra):
+    told = installed_by(extra)
+    assert f'pip install ".[{extra}]" in the checkout' in told
+    assert f'"WHEEL[{extra}]"' in told
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert extra in project["optional-dependencies"]
 
 
 def test_wheel_made_from_the_source_distribution_is_the_same(wheel, tmp_path):

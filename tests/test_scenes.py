@@ -10,6 +10,8 @@ import pytest
 
 from glvis.inputs.scene import load_model
 from glvis.inputs.study import load_study
+from glvis.optim.objective import OVERLAP_WEIGHTS
+from glvis.optim.search_options import SearchOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "scenes"
@@ -228,6 +230,15 @@ def test_each_study_has_its_variables_sensors_and_models(name):
     assert len(study.variables) == n_variables
     assert len(study.sensor_names) == n_sensors
     assert len(study.models) == n_models
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_each_study_names_the_papers_search_and_objective(name):
+    study = load_study(SCENES / f"{name}.toml")
+    assert study.assumed == ()
+    assert study.search == SearchOptions("swarm")
+    assert (study.objective.kind, study.objective.by_area) == ("of3", False)
+    assert study.objective.overlap == OVERLAP_WEIGHTS["set1"]
 
 
 def test_every_study_in_the_folder_is_tested():

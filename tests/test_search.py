@@ -495,7 +495,7 @@ def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
     with pytest.raises(MachineError) as error:
         ScriptSearch(METHODS["cma"], problem(PAIR))
     assert str(error.value).startswith("search.method = 'cma' needs pycma (")
-    assert str(error.value).endswith("install it by: pip install 'glvis[methods]'")
+    assert 'install it by: pip install ".[methods]" in the checkout' in str(error.value)
 
 
 def test_swarm_obeys_the_maps_and_the_seconds_too(small):
@@ -506,10 +506,13 @@ def test_swarm_obeys_the_maps_and_the_seconds_too(small):
     assert placement.trace == () and placement.stop_reason.startswith("out of time: ")
 
 
-def test_method_is_the_swarm_without_a_table_and_auto_in_one(small):
+def test_method_is_auto_unless_the_study_names_one(small):
     assert load_study(small).search == SearchOptions("swarm")
-    assert load_study(small, ["search.max_maps=9"]).search == SearchOptions("auto", 9)
-    small.write_text(SMALL + '\n[search]\nmethod = "refine"\nmax_seconds = 2.5\n')
+    for text in ("", "[search]\n"):
+        small.write_text(SMALL.replace('[search]\nmethod = "swarm"\n', text))
+        assert load_study(small).search == SearchOptions() == SearchOptions("auto")
+        assert load_study(small, ["search.max_maps=9"]).search == SearchOptions("auto", 9)
+    small.write_text(SMALL.replace('method = "swarm"', 'method = "refine"\nmax_seconds = 2.5'))
     assert load_study(small).search == SearchOptions("refine", None, 2.5)
 
 

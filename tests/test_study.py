@@ -11,9 +11,10 @@ from shapes import cube, icosphere
 
 from glvis.errors import StudyError
 from glvis.inputs.mounts import Variable
-from glvis.inputs.schema import SwarmTable, VisibilityTable
+from glvis.inputs.schema import MM_PER_UNIT, SwarmTable, VisibilityTable
 from glvis.inputs.study import load_study
 from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
+from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.sight.visibility import VisibilityOptions
 
@@ -172,6 +173,24 @@ def test_a_study_may_leave_out_almost_everything(load):
     assert study.rig.poses(study.rig.start).shape == (1, 4, 4)
 
 
+def test_without_a_word_auto_searches_what_sees_most_of_the_area(load):
+    study = load(FIXED)
+    objective = study.objective
+    assert (objective.kind, objective.by_area, objective.aggregate) == ("of1", True, "mean")
+    assert study.search == SearchOptions("auto")
+    assert study.assumed == ("objective.kind", "objective.by_area", "search.method")
+    # the study as run says it, so that no later default changes what a result means
+    tables = tomllib.loads(study.text)
+    assert tables["objective"] == {"kind": "of1", "by_area": True}
+    assert tables["search"] == {"method": "auto"}
+
+
+def test_only_what_the_file_leaves_open_is_assumed(load):
+    study = load(FIXED + '[objective]\nkind = "of3"\n', "search.method=swarm")
+    assert study.assumed == ("objective.by_area",)
+    assert (study.objective.kind, study.search.method) == ("of3", "swarm")
+
+
 @pytest.mark.parametrize(
     ("unit", "reach"), [("mm", 350), ("cm", 35), ("m", 0.35), ("inch", 13.7795), ("ft", 1.148294)]
 )
@@ -297,7 +316,14 @@ def test_a_bad_study_ends_in_one_exact_line(load, folder, old, new, message):
         ),
         (FIXED + "[swarm]\nseed = 1" + "0" * 400, "0000... must be at most 9223372036854775807"),
         (FIXED + "[sensor.x]\n", "[sensor.x] 'hfov_deg' is missing"),
-        (FIXED.replace("d415", "d4l5"), "sensor = 'd4l5' is unknown; did you mean 'd415'?; known"),
+        (
+            FIXED.replace("d415", "d-415"),
+            "sensor = 'd-415' is unknown; did you mean 'd415'?; known",
+        ),
+        (
+            FIXED.replace("d415", "d435"),
+            "sensor = 'd435' is unknown; known are d415, kinect-v2; any",
+        ),
     ],
 )
 def test_studies_torn_apart_end_in_one_line(load, text, message):
@@ -359,6 +385,53 @@ def test_overrides_go_before_the_file_and_into_the_text_as_run(load, override, l
     assert changed[1].partition("#")[2] == changed[0].partition("#")[2]
 
 
+def test_a_star_stands_for_every_mount(load):
+    study = load(STUDY, "mount.*.sensor=kinect-v2", "mount.*.roll_deg=5", "mount.K1.roll_deg=7")
+    assert study.rig.sensor_kinds == ("kinect-v2",) * 3
+    tables = tomllib.loads(study.text)["mount"]
+    assert [(mount["sensor"], mount["roll_deg"]) for mount in tables] == [
+        ("kinect-v2", 5), ("kinect-v2", 7),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("length", "unit", "plain"),
+    [("200 mm", "mm", 200), ("20cm", "mm", 200), ("0.2 m", "mm", 200), ("1e1 in", "mm", 254),
+     ("200 mm", "m", 0.2), ("1 ft", "in", 12), ("+25.4 mm", "inch", 1)],
+)  # fmt: skip
+def test_lengths_may_carry_a_unit_of_their_own(load, length, unit, plain):
+    text = STUDY.replace('unit = "mm"', f'unit = "{unit}"')
+    text = text.replace("max_distance = 350", f'max_distance = "{length}"')
+    text = text.replace("min_distance = 160", "min_distance = 0")
+    text = text.replace("radius = 300", f'radius = "{length}"')
+    text = text.replace("min = 60, max = 240, start = 136", f'min = -1, max = "{length}"')
+    study = load(text)
+    assert study.sensors[0].max_distance == pytest.approx(plain)
+    assert study.variables[0].max == pytest.approx(plain)
+    place = study.rig.poses(study.rig.start)[0, :3, 3]
+    assert np.hypot(place[0], place[1]) == pytest.approx(plain)
+    assert f'max_distance = "{length}"' in study.text  # as the user wrote it
+    changed = load(STUDY, f"sensor.d415.max_distance={length}", "sensor.d415.min_distance=0")
+    assert changed.sensors[0].max_distance == pytest.approx(
+        plain * MM_PER_UNIT[unit] / MM_PER_UNIT["mm"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("max_distance = 350", 'max_distance = "350 furlongs"', "must be a number"),
+        ("max_distance = 350", 'max_distance = "1e999 mm"', "must be a number"),
+        ("hfov_deg = 66.4", 'hfov_deg = "66 mm"', "must be a number"),
+        ("azimuth_deg = { min = 90, max", 'azimuth_deg = { min = "90 mm", max', "must be a number"),
+    ],
+)
+def test_only_lengths_carry_a_unit(load, old, new, message):
+    assert old in STUDY
+    with pytest.raises(StudyError, match=message):
+        load(STUDY.replace(old, new))
+
+
 def test_overrides_reach_the_types(load):
     study = load(
         STUDY,
@@ -406,6 +479,8 @@ def test_an_override_opens_a_table_that_the_file_leaves_out(load):
             "override 'sensor.d514.max_distance=4' is unknown: there is no sensor 'd514'",
         ),
         ("sensor.kinect-v2.max=1", "[sensor.kinect-v2] unknown key 'max'; known are hfov_deg, "),
+        ("mount.*=3", "override 'mount.*=3' has a '*' that stands for no mounts; it is for mou"),
+        ("swarm.*=3", "override 'swarm.*=3' has a '*' that stands for no mounts; it is for mou"),
         (
             "mount.Q.roll_deg=3",
             "override 'mount.Q.roll_deg=3' is unknown: there is no 'Q' in mount; there are A1, K1",

@@ -52,6 +52,24 @@ def test_several_keys_are_a_grid_and_each_run_is_an_ordinary_study(planned, tmp_
         assert "sweep" not in tomllib.loads(study.text)
 
 
+@pytest.mark.parametrize(
+    ("text", "sweeps"),
+    [
+        ("", ["mount.*.sensor=eye,d415"]),
+        ("", ["mount.*.sensor=['eye', 'd415']"]),
+        ("[sweep]\n'mount.*.sensor' = ['eye', 'd415']\n", []),
+    ],
+)
+def test_a_star_sweeps_every_mount(planned, tmp_path, text, sweeps):
+    plan = planned(text, *sweeps)
+    assert [point.label for point in plan.points] == [
+        "mount.*.sensor = 'eye'", "mount.*.sensor = 'd415'",
+    ]  # fmt: skip
+    eyes, d415s = studies(plan, tmp_path / "study.toml")
+    assert eyes.rig.sensor_kinds == ("eye",) * 3
+    assert d415s.rig.sensor_kinds == ("d415",) * 3
+
+
 def test_repeats_have_the_seeds_that_follow_and_more_of_them_come_last(planned, tmp_path):
     few, many = planned(SWEEP, repeats=2), planned(SWEEP, repeats=3)
     assert many.runs[: len(few.runs)] == few.runs

@@ -198,6 +198,16 @@ def test_words_tell_the_spread(wall):
     assert rows["worst"] <= rows["5th"] <= rows["mean"] < 100
 
 
+def test_lengths_are_told_in_few_digits(wall):
+    length = length_of("1mm", "in", "--position")
+    first = next(spread_lines(wall, [worth(wall)], length, 0.5))
+    assert "every sensor up to 0.03937 mm off along each axis and 0.5 deg in tilt" in first
+    losses = single_errors(wall, length, 0.0)
+    assert {line.split()[2] for line in [*sensitivity_lines(wall, losses, length, 0.0)][2:5]} == {
+        "0.03937"
+    }
+
+
 def test_words_tell_lost_and_rounded(small):
     lines = list(loss_lines(small))
     assert [line.split()[0] for line in lines[2:]] == ["none", "A", "B", "C"]

@@ -97,6 +97,9 @@ class Rig:
     _constant: Array  # (M, 10)
     _mounts: tuple[Mount, ...]
 
+    def __repr__(self) -> str:
+        return f"Rig({len(self.variables)} variables, sensors {', '.join(self.sensor_names)})"
+
     @property
     def bounds(self) -> Array:
         """Lower and upper bound of each variable, (D, 2)."""

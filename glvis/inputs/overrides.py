@@ -28,6 +28,7 @@ MOUNTS = "mounts"  # no key of a study: how many of its mounts stay
 # Tables that a file may leave out and an override may open.
 _TABLES = ("scene", "visibility", "objective", "swarm", "search", "sweep")
 _NAME = re.compile(r"[^\W\d]\w*")
+_STAR = re.compile(r"(?<![^.])\*(?![^.])")  # a whole part of a dotted key
 
 
 def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], Changes]:
@@ -39,8 +40,9 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
         The file as TOML reads it; left as it is.
     overrides : sequence of str
         "swarm.particles=100", "mount.A1.roll_deg.start=5", "sensor.d415.max_distance=400".
-        Mounts go by their name. Values are TOML, or else text as it stands. "mounts=3" keeps
-        the first three mounts, and drops the variables that only the others used.
+        Mounts go by their name, all of them by "mount.*.sensor". Values are TOML, or else text
+        as it stands. "mounts=3" keeps the first three mounts, and drops the variables that only
+        the others used.
 
     Raises
     ------
@@ -58,7 +60,10 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
             if key.strip() == MOUNTS:
                 found: Changes = dict.fromkeys(_beyond(toml_value(value), data), REMOVED)
             else:
-                found = {_path(key.strip(), data, changes): toml_value(value)}
+                found = {
+                    _path(parts, data, changes): toml_value(value)
+                    for parts in _each_mount(_parts(key.strip()), data)
+                }
         except StudyError as error:
             raise StudyError(f"override '{text}' {error}") from None
         for path, new in found.items():
@@ -121,9 +126,19 @@ def _used(node: Any, variables: Mapping[str, Any]) -> set[str]:
     return names.union(*(_used(variables[name], others) for name in names))
 
 
-def _path(key: str, data: dict[str, Any], changes: Changes) -> tuple[str | int, ...]:
+def _each_mount(parts: list[str], data: Mapping[str, Any]) -> list[list[str]]:
+    """Return a dotted key, or one a mount where "*" stands in place of its name."""
+    if "*" not in parts:
+        return [parts]
+    mounts = data.get("mount")
+    if parts[:2] != ["mount", "*"] or len(parts) < 3 or not isinstance(mounts, list):
+        raise StudyError("has a '*' that stands for no mounts; it is for mount.*.KEY")
+    names = [mount.get("name") if isinstance(mount, dict) else None for mount in mounts]
+    return [["mount", str(name), *parts[2:]] for name in names]
+
+
+def _path(parts: list[str], data: dict[str, Any], changes: Changes) -> tuple[str | int, ...]:
     """Return the keys and list places that lead to a value; a missing table may be opened."""
-    parts = _parts(key)
     if parts[0] not in StudyTable.model_fields:
         raise StudyError(f"is unknown: there is no '{parts[0]}' in a study{_hint(parts[0])}")
     path: list[str | int] = []
@@ -154,9 +169,10 @@ def _path(key: str, data: dict[str, Any], changes: Changes) -> tuple[str | int, 
 
 
 def _parts(key: str) -> list[str]:
-    """Return the names of a dotted key; a name with a dot in it stands in quotes."""
+    """Return the names of a dotted key; a name with a dot in it stands in quotes, "*" need not."""
+    plain = _STAR.sub('"*"', key)
     try:
-        node: Any = tomllib.loads(f"{key} = 0")
+        node: Any = tomllib.loads(f"{plain} = 0")
     except tomllib.TOMLDecodeError:
         raise StudyError(f"has no key that TOML could read: '{key}'") from None
     parts = []

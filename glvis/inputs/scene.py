@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.hints import installed_by
 from glvis.inputs.meshfiles import fans, read_obj, read_off, read_stl
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
@@ -301,7 +302,7 @@ def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     except OSError:
         raise
     except ImportError as error:
-        raise ValueError(f"cannot be read as {kind}: {error}; pip install 'glvis[mesh]'") from error
+        raise ValueError(f"cannot be read as {kind}: {error}; {installed_by('mesh')}") from error
     except Exception as error:  # each of trimesh's readers fails in its own way
         raise ValueError(f"cannot be read as {kind}: {_first_line(error)}") from error
     if not parts:

@@ -302,13 +302,13 @@ class MountTable(Table):
 class ObjectiveTable(Table):
     """``[objective]``."""
 
-    kind: Literal["of1", "of2", "of3"] = "of3"
+    kind: Literal["of1", "of2", "of3"] = "of1"
     weights: Literal["set1", "set2"] = "set1"
     w_tot: float | None = None
     w_of1: float | None = None
     w_of2: float | None = None
     overlap: Annotated[list[float], _within("have at least one weight", bool)] | None = None
-    by_area: bool = False
+    by_area: bool = True
     normalize: bool = True
     aggregate: Literal["mean", "min", "cvar"] = "mean"
     cvar_fraction: Annotated[float, _within("lie in (0, 1]", lambda v: 0 < v <= 1)] = 0.5
@@ -363,7 +363,7 @@ class StudyTable(Table):
     mount: Annotated[list[MountTable], _within("hold at least one mount", bool)]
     objective: ObjectiveTable = ObjectiveTable()
     swarm: SwarmTable = SwarmTable()
-    search: SearchTable | None = None
+    search: SearchTable = SearchTable()
     sweep: dict[str, Any] = {}  # of several runs; ``sweep.py`` reads it
 
     def swarm_options(self) -> SwarmOptions:
@@ -371,10 +371,8 @@ class StudyTable(Table):
         return SwarmOptions(**_given(self.swarm))
 
     def search_options(self) -> SearchOptions:
-        """Return what searches: the paper's swarm in its studies, which have no such table."""
-        if self.search is None:
-            return SearchOptions()
-        return SearchOptions(**({"method": "auto"} | _given(self.search)))
+        """Return what searches; what the table leaves open has its default."""
+        return SearchOptions(**_given(self.search))
 
 
 def catalogue(unit: str) -> dict[str, Sensor]:

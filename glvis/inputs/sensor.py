@@ -49,6 +49,14 @@ class Sensor:
         if min(self.resolution) < 1:
             raise ValueError(f"resolution = {list(self.resolution)} must be at least [1, 1]")
 
+    def __repr__(self) -> str:
+        opening = (self.intrinsics.hfov, self.intrinsics.vfov)
+        return (
+            f"Sensor('{self.name}', {' x '.join(f'{math.degrees(a):.4g}' for a in opening)} deg, "
+            f"{self.resolution[0]} x {self.resolution[1]} pixels, {self.min_distance:g} to "
+            f"{self.max_distance:g}, incidence up to {math.degrees(self.max_incidence):.4g} deg)"
+        )
+
     def focal_pixels(self, resolution: tuple[int, int] | None = None) -> tuple[float, float]:
         """Return the focal length along x and y in pixels, at the sensor's or a given size."""
         width, height = resolution or self.resolution

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from glvis.camera import Intrinsics
 from glvis.errors import MachineError, StudyError
+from glvis.hints import command
 from glvis.inputs.scene import Model, load_model
 from glvis.inputs.schema import MM_PER_UNIT, catalogue
 from glvis.inputs.sensor import Sensor
@@ -108,7 +109,11 @@ def write_starter(
 def next_commands(study: Path) -> list[str]:
     """Return the three commands that come next."""
     out = study.parent / "out"
-    return [f"glvis check {study}", f"glvis optimize {study} -o {out}", f"glvis explain {out}"]
+    return [
+        command("check", study),
+        command("optimize", study, "-o", out),
+        command("explain", out),
+    ]
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,14 @@ from pydantic import ValidationError
 from glvis.errors import StudyError
 from glvis.inputs.complaints import first_error
 from glvis.inputs.expressions import nearest
+from glvis.inputs.lengths import with_plain_lengths
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.pieces import cut_models
 from glvis.inputs.scene import Model, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
+from glvis.notebook import html_table
 from glvis.optim.objective import Objective
 from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
@@ -68,6 +70,8 @@ class Study:
     sweep : dict
         The table ``[sweep]`` as written: no part of this study, nor of ``text``; see
         ``sweep.plan_runs``.
+    assumed : tuple of str
+        Keys that the file leaves to their defaults and ``text`` names, such as "search.method".
     """
 
     path: Path
@@ -84,6 +88,33 @@ class Study:
     swarm: SwarmOptions
     search: SearchOptions = field(default_factory=SearchOptions)
     sweep: Mapping[str, Any] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        counts = (
+            (len(self.models), "model"),
+            (len(self.obstacles), "obstacle"),
+            (len(self.sensors), "sensor"),
+            (len(self.variables), "variable"),
+        )
+        words = [f"{n} {noun}{'' if n == 1 else 's'}" for n, noun in counts]
+        return f"Study({', '.join([repr(self.title), *words, self.objective.label])})"
+
+    def _repr_html_(self) -> str:
+        kinds = Counter(sensor.name for sensor in self.sensors)
+        return html_table(
+            self.title,
+            (),
+            [
+                ("models", ", ".join(f"{one.name} ({one.n_faces:,} faces)" for one in self.models)),
+                ("obstacles", ", ".join(one.name for one in self.obstacles) or "none"),
+                ("sensors", ", ".join(f"{n} {kind}" for kind, n in kinds.items())),
+                ("variables", str(len(self.variables))),
+                ("objective", self.objective.label),
+                ("search", self.search.method),
+                ("lengths", self.unit),
+            ],
+        )
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -124,6 +155,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         source = _read_text(path)
         data = _parsed(source)
         data, changes = overridden(data, overrides)
+        data = with_plain_lengths(data)
         try:
             table = StudyTable.model_validate(data)
         except ValidationError as error:
@@ -148,6 +180,10 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     changes["scene", "models"] = [str(file) for file in model_paths]
     if obstacle_paths:
         changes["scene", "obstacles"] = [str(file) for file in obstacle_paths]
+    told = {"objective.kind": objective.kind, "objective.by_area": objective.by_area}
+    told["search.method"] = search.method
+    assumed = tuple(key for key in told if not _names(data, key))
+    changes |= {tuple(key.split(".")): told[key] for key in assumed}
     if "sweep" in data:
         changes = {path: new for path, new in changes.items() if path[0] != "sweep"}
         changes["sweep",] = REMOVED
@@ -166,6 +202,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         swarm=swarm,
         search=search,
         sweep=table.sweep,
+        assumed=assumed,
     )
 
 
@@ -200,6 +237,12 @@ def _parsed(source: str) -> dict[str, Any]:
         raise StudyError("is no TOML: nested too deeply") from None
 
 
+def _names(data: Mapping[str, Any], key: str) -> bool:
+    """Return whether a study has a key such as "search.method"."""
+    table, _, name = key.partition(".")
+    return name in data.get(table, {})
+
+
 def _sensors(table: StudyTable) -> dict[str, Sensor]:
     """Return the sensors that the mounts name: the file's own go before the catalogue's."""
     known = catalogue(table.unit)
@@ -208,11 +251,18 @@ def _sensors(table: StudyTable) -> dict[str, Sensor]:
             known[name] = own.to_sensor(name)
     for mount in table.mount:
         if mount.sensor not in known:
+            # with other digits it is another product: d415 is no slip of d435
+            like = [name for name in known if _digits(name) == _digits(mount.sensor)]
             raise StudyError(
                 f"[[mount]] '{mount.name}' sensor = '{mount.sensor}' is unknown"
-                f"{nearest(mount.sensor, known)}; known are {', '.join(known)}"
+                f"{nearest(mount.sensor, like)}; known are {', '.join(known)}; "
+                "any other needs a table [sensor.NAME]"
             )
     return known
+
+
+def _digits(name: str) -> str:
+    return "".join(filter(str.isdigit, name))
 
 
 def _swarm(table: StudyTable) -> SwarmOptions:

@@ -21,6 +21,7 @@ from uuid import uuid4
 import numpy as np
 
 from glvis.errors import MachineError, StudyError
+from glvis.hints import installed_by
 from glvis.optim.workers import PATIENCE as PATIENCE_JOB
 from glvis.optim.workers import patience_with, shared_out
 from glvis.sight.maps import Bits, MapJob, MapScene
@@ -346,8 +347,7 @@ def _imported() -> tuple[Any, Any]:
         from glvis.optim import remote
     except ImportError as error:
         raise MachineError(
-            f"a cluster needs dask.distributed ({error}); install it by: "
-            "pip install 'glvis[cluster]'"
+            f"a cluster needs dask.distributed ({error}); {installed_by('cluster')}"
         ) from error
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are told here
     return distributed, remote

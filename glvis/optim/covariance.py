@@ -1,6 +1,6 @@
 """CMA-ES by pycma, for comparison: a whole layout moves at a time, by steps that learn a shape.
 
-pycma is an extra (``glvis[methods]``) and imported only when the study asks for this method.
+pycma is an extra (``methods``) and imported only when the study asks for this method.
 
 References
 ----------
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from glvis.errors import MachineError
+from glvis.hints import installed_by
 from glvis.optim.script import Floats, Problem, Script
 
 METHOD = "cma"
@@ -60,7 +61,6 @@ def _imported() -> Any:
         import cma as library
     except ImportError as error:
         raise MachineError(
-            f"search.method = 'cma' needs pycma ({error}); install it by: "
-            "pip install 'glvis[methods]'"
+            f"search.method = 'cma' needs pycma ({error}); {installed_by('methods')}"
         ) from error
     return library

@@ -83,6 +83,9 @@ class Evaluator(Held):
         self.most_poses = min(_MOST_POSES, cache_bytes // (self._pose_bytes + _ENTRY_BYTES))
         self._cache = _PoseCache(self.most_poses)
 
+    def __repr__(self) -> str:
+        return f"Evaluator({self.study!r}, by {self.gl.renderer})"
+
     def release(self) -> None:
         """Give back the GPU's memory, or other processes."""
         self._maps.release()

@@ -26,7 +26,7 @@ AGGREGATES = ("mean", "min", "cvar")
 
 @dataclass(frozen=True)
 class Objective:
-    """What the search maximises.
+    """What the search maximises; by default the share of the area that is seen.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Objective:
         Weight of faces seen by exactly 1, 2, ... sensors in OF2, Eq. (4); the last one also
         holds for every larger number.
     by_area : bool
-        Faces weigh by their area instead of one each.
+        Faces weigh by their area instead of one each, as they do in the paper.
     normalize : bool
         Divide each term of OF2 and OF3 by the number (or area) of all faces, so that models of
         different size weigh alike. OF1 is a fraction by its definition, Eq. (1).
@@ -49,12 +49,12 @@ class Objective:
         Share of the models that "cvar" looks at, in (0, 1].
     """
 
-    kind: str = "of3"
+    kind: str = "of1"
     w_tot: float = 1.0
     w_of1: float = 2.0
     w_of2: float = 1.0
     overlap: tuple[float, ...] = OVERLAP_WEIGHTS["set1"]
-    by_area: bool = False
+    by_area: bool = True
     normalize: bool = True
     aggregate: str = "mean"
     cvar_fraction: float = 0.5
@@ -70,6 +70,11 @@ class Objective:
             raise ValueError("overlap needs at least one weight")
         if not 0 < self.cvar_fraction <= 1:
             raise ValueError(f"cvar_fraction = {self.cvar_fraction:g} must lie in (0, 1]")
+
+    @property
+    def label(self) -> str:
+        """What it is called: "OF1 by area"."""
+        return f"{self.kind.upper()} by {'area' if self.by_area else 'faces'}"
 
     @property
     def is_share(self) -> bool:

@@ -11,13 +11,18 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.camera import angles_from_direction, position_direction_roll
+from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.study import Study
+from glvis.notebook import html_table
 from glvis.optim.checkpoint import read_checkpoint
 from glvis.optim.cluster import ClusterMaps
 from glvis.optim.evaluator import Evaluator
@@ -95,6 +100,86 @@ class Placement:
     workers: int = 1
     warnings: tuple[str, ...] = ()
     reach: Reach | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"Placement({self._worth()}, {len(self.camera_to_world)} sensors, {self.stop_reason})"
+        )
+
+    def _repr_html_(self) -> str:
+        study, noun = self.study, self._noun()
+        names = [model.name for model in study.models]
+        seen = zip(names, [100 * share for share in self._shares()], strict=True)
+        position, direction, roll = position_direction_roll(self.camera_to_world, study.up)
+        angles = np.degrees([*angles_from_direction(direction), roll]).T
+        columns = ("sensor", "kind", *(f"{axis} [{study.unit}]" for axis in "xyz"))
+        poses = [
+            (name, sensor.name, *place, *turn)
+            for name, sensor, place, turn in zip(
+                study.sensor_names, study.sensors, position.tolist(), angles.tolist(), strict=True
+            )
+        ]
+        return html_table(
+            f"{study.title}: {self._worth()}", ("model", f"{noun} seen %"), seen
+        ) + html_table(
+            self.stop_reason, (*columns, "azimuth [deg]", "elevation [deg]", "roll [deg]"), poses
+        )
+
+    def save(
+        self,
+        directory: str | Path,
+        *,
+        overwrite: bool = False,
+        pictures: bool = True,
+        meshes: bool = True,
+    ) -> Path:
+        """Write the whole result into a folder, as the command line does; return the folder.
+
+        Parameters
+        ----------
+        directory : str or Path
+            Made where it is missing.
+        overwrite : bool
+            Take the place of a result that is there.
+        pictures, meshes : bool
+            Whether to make the pictures, and coloured meshes for other tools.
+
+        Raises
+        ------
+        StudyError
+            If there is something that may not be replaced.
+        MachineError
+            If the files cannot be written.
+
+        Warns
+        -----
+        UserWarning
+            Where pictures could not be made; all else is there then.
+        """
+        # outputs stand above this module and are asked for when somebody wants them
+        save = import_module("glvis.outputs.delivery").save
+        for failure in save(
+            self, Path(directory), overwrite=overwrite, pictures=pictures, meshes=meshes
+        ):
+            warn(failure, stacklevel=2)
+        return Path(directory)
+
+    def _noun(self) -> str:
+        """Return what shares of models are told of: what the objective counts."""
+        return "area" if self.study.objective.by_area else noun_of_shares(self.study.models)
+
+    def _worth(self) -> str:
+        return (
+            f"{self.study.objective.label} = {self.value:.4g}, "
+            f"{100 * float(np.mean(self._shares())):.1f} % of the {self._noun()} seen"
+        )
+
+    def _shares(self) -> list[float]:
+        """Return what share of each model at least one sensor sees."""
+        return [
+            share_of(model, found.counts > 0, self._noun())
+            for model, found in zip(self.study.models, self.maps, strict=True)
+        ]
 
 
 def evaluate_poses(

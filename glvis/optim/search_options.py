@@ -29,7 +29,7 @@ class SearchOptions:
         Stop after the iteration that takes the run past this time.
     """
 
-    method: Literal["swarm", "auto", "greedy", "refine", "cma", "de"] = "swarm"
+    method: Literal["swarm", "auto", "greedy", "refine", "cma", "de"] = "auto"
     max_maps: int | None = None
     max_seconds: float | None = None
 

@@ -19,6 +19,7 @@ from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
 from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.scene import Model
+from glvis.inputs.schema import MM_PER_UNIT
 from glvis.optim.placement import Placement, evaluate_poses
 from glvis.outputs.tables import mean_row, model_rows
 from glvis.terminal import duration, table
@@ -41,7 +42,7 @@ def named(directories: Sequence[Path], placements: Sequence[Placement]) -> list[
     paths = [directory.resolve() for directory in directories]
     length = 1
     while True:
-        names = ["/".join(path.parts[-length:]) for path in paths]
+        names = [Path(*path.parts[-length:]).as_posix() for path in paths]
         if len(set(names)) == len(names) or length >= max(len(p.parts) for p in paths):
             break
         length += 1
@@ -65,6 +66,8 @@ def cut_alike(layouts: Sequence[Layout]) -> list[Layout]:
     MachineError
         Where that needs OpenGL and there is none.
     """
+    if not _have_one_unit(layouts):
+        return list(layouts)
     by_name: list[dict[str, Model]] = [
         {model.name: model for model in layout.placement.study.models} for layout in layouts
     ]
@@ -88,7 +91,9 @@ def _as_cut(placement: Placement, finest: dict[str, Model]) -> Placement:
 
 
 def shared_models(layouts: Sequence[Layout]) -> list[str]:
-    """Return the names of the models that are the same mesh in all layouts."""
+    """Return the names of the models that are the same mesh, in one unit, in all layouts."""
+    if not _have_one_unit(layouts):
+        return []
     first, *others = ({m.name: m for m in layout.placement.study.models} for layout in layouts)
     return [
         name
@@ -174,12 +179,18 @@ def comparison_lines(layouts: Sequence[Layout]) -> Iterator[str]:
             )
     if not models:
         yield ""
-        yield "No model is the same mesh in all layouts: what they see cannot be compared"
+        units = "" if _have_one_unit(layouts) else " in one unit"
+        yield f"No model is the same mesh{units} in all layouts: what they see cannot be compared"
 
 
 def sensor_moves(first: Placement, second: Placement) -> list[tuple[str, float, float]]:
-    """Return name, distance and angle in degrees between sensors of the same name."""
-    places = dict(zip(second.study.sensor_names, second.camera_to_world, strict=True))
+    """Return name, distance and angle between sensors of the same name.
+
+    Distances are in the unit of the first, whatever the unit of the second; angles in degrees.
+    """
+    poses = second.camera_to_world.copy()
+    poses[:, :3, 3] *= MM_PER_UNIT[second.study.unit] / MM_PER_UNIT[first.study.unit]
+    places = dict(zip(second.study.sensor_names, poses, strict=True))
     moves = []
     for name, a in zip(first.study.sensor_names, first.camera_to_world, strict=True):
         if name in places:
@@ -249,8 +260,10 @@ def _side_by_side(layouts: Sequence[Layout], model_name: str) -> Sheet:
 
 def _difference_sheet(first: Layout, second: Layout, model_name: str) -> Sheet:
     placement = second.placement
+    # what the sheet says below its title is about the second alone
+    study = replace(placement.study, title=second.name)
     m = [model.name for model in placement.study.models].index(model_name)
-    with Stage(placement.study, placement.camera_to_world) as stage:
+    with Stage(study, placement.camera_to_world) as stage:
         stage.show(m, placement.maps[m])
         painted = difference_coloring(first, second, model_name)
         stage.paint(painted.colors)
@@ -270,6 +283,11 @@ def _model(layout: Layout, name: str) -> Model:
 def _noun(layout: Layout, names: Sequence[str]) -> str:
     """Return of what the shares of some models are: faces or area."""
     return noun_of_shares([_model(layout, name) for name in names])
+
+
+def _have_one_unit(layouts: Sequence[Layout]) -> bool:
+    """Return whether numbers of all layouts are lengths in the same unit."""
+    return len({MM_PER_UNIT[layout.placement.study.unit] for layout in layouts}) == 1
 
 
 def _same(a: Model, b: Model) -> bool:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from glvis.drawing.pictures import SIZE, write_views
 from glvis.errors import MachineError, StudyError
+from glvis.hints import command
 from glvis.optim.placement import Placement
 from glvis.outputs.export_poses import write_exports, write_poses
 from glvis.outputs.export_surfaces import write_surfaces
-from glvis.outputs.folder import INDEX, ResultFolder, renewed_files
+from glvis.outputs.folder import INDEX, ResultFolder, renewed_files, result_folder
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.reading import read_result
 from glvis.outputs.report import page_data
@@ -86,6 +87,22 @@ def deliver(
     except OSError as error:
         raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error
     return failures
+
+
+def save(
+    placement: Placement, directory: Path, *, overwrite: bool, pictures: bool, meshes: bool
+) -> list[str]:
+    """Write everything of a placement into a folder of its own; see ``deliver``.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds something that may not be replaced.
+    MachineError
+        If the files cannot be written.
+    """
+    with result_folder(directory, overwrite=overwrite) as folder:
+        return deliver(placement, folder, pictures=pictures, meshes=meshes)
 
 
 def render_again(directory: Path, look: Look | None = None) -> list[str]:
@@ -163,4 +180,4 @@ def _tried(placement: Placement, folder: ResultFolder) -> list[str]:
     if not problem:
         return []
     shutil.rmtree(folder.staging / VIEWS, ignore_errors=True)
-    return [f"{problem}; 'glvis render {folder.path}' makes them"]
+    return [f"{problem}; {command('render', folder.path)} makes them"]

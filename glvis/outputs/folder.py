@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from glvis.errors import MachineError, StudyError
+from glvis.hints import command
 
 INDEX = "result.json"  # names every file of the result; written last
 CHECKPOINT = "checkpoint.npz"
@@ -183,7 +184,7 @@ def result_folder(
         if folder.discard() and isinstance(error, MachineError):
             raise MachineError(
                 f"{error}; the search can go on from where it was: "
-                f"glvis optimize --resume {series or path}"
+                f"{command('optimize', '--resume', series or path)}"
             ) from error
         raise
 

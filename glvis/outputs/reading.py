@@ -1,4 +1,4 @@
-"""Reads a result folder back: a ``Placement`` again, or only its poses."""
+"""Reads a result folder back: a ``Placement`` again."""
 
 from __future__ import annotations
 
@@ -58,6 +58,11 @@ def read_result(directory: str | Path) -> Placement:
         if any(m.pieces for m in study.models) and not any("pieces" in m for m in index["models"]):
             # made before faces were cut: read as it was made
             study = load_study(directory / STUDY, ["scene.max_edge=off"])
+        told = index["objective"]
+        if (told["kind"], told["by_area"]) != (study.objective.kind, study.objective.by_area):
+            # made when studies that name neither had other defaults
+            settings = [f"objective.kind={told['kind']}", f"objective.by_area={told['by_area']}"]
+            study = load_study(directory / STUDY, [one.lower() for one in settings])
         _check_meshes(index, study)
         return Placement(
             study=study,
@@ -65,7 +70,7 @@ def read_result(directory: str | Path) -> Placement:
                 [math.nan if v["value"] is None else v["value"] for v in index["variables"]],
                 dtype=float,
             ),
-            camera_to_world=_poses(index, study.sensor_names),
+            camera_to_world=poses_of(index, study.sensor_names),
             maps=_read_maps(directory / MAPS, study),
             value=index["objective"]["value"],
             values_by_model=np.array([row["value"] for row in index["models"]]),
@@ -91,32 +96,6 @@ def read_result(directory: str | Path) -> Placement:
         ) from error
 
 
-def read_poses(path: str | Path, sensor_names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the poses (S, 4, 4) of some sensors in another result, by their names.
-
-    Parameters
-    ----------
-    path : str or Path
-        A ``result.json``, or the folder that holds one.
-    sensor_names : sequence of str
-        Names of the S sensors; others of the result are left out.
-
-    Raises
-    ------
-    StudyError
-        If there is no result, a sensor is not in it, or a pose is no rigid transform.
-    """
-    path = Path(path)
-    path = path / INDEX if path.is_dir() else path
-    index = read_index(path)
-    try:
-        return _poses(index, sensor_names)
-    except StudyError as error:
-        raise StudyError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError):
-        raise StudyError(f"{path}: its 'poses' are broken") from None
-
-
 def _check_meshes(index: Mapping[str, Any], study: Study) -> None:
     """Refuse meshes that are not those which the result was made of."""
     entries = [*index["models"], *index["obstacles"]]
@@ -135,13 +114,21 @@ def _check_meshes(index: Mapping[str, Any], study: Study) -> None:
             )
 
 
-def _poses(index: Mapping[str, Any], sensor_names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the poses of some sensors, (S, 4, 4), checked to be rigid."""
+def poses_of(index: Mapping[str, Any], sensor_names: Sequence[str]) -> NDArray[np.float64]:
+    """Return the poses (S, 4, 4) of some sensors in what a ``result.json`` says.
+
+    Raises
+    ------
+    StudyError
+        If a sensor is not in it, or a pose is no rigid transform.
+    KeyError, TypeError, ValueError
+        If its list of poses is none.
+    """
     found = {entry["name"]: entry["camera_to_world"] for entry in index["poses"]}
     poses = np.zeros((len(sensor_names), 4, 4))
     for s, name in enumerate(sensor_names):
         if name not in found:
-            raise StudyError(f"has no pose for '{name}'; it has {', '.join(found)}")
+            raise StudyError(f"has no pose for '{name}'; it has {', '.join(found) or 'none'}")
         pose = np.array(found[name], dtype=float)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise StudyError(f"the pose of '{name}' must be a finite 4 x 4 matrix")

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis import __version__
 from glvis.camera import angles_from_direction, position_direction_roll
 from glvis.inputs.pieces import fold_counts, folded, seen_share
 from glvis.inputs.scene import Model
@@ -165,11 +166,11 @@ def sensor_poses(placement: Placement) -> list[dict[str, Any]]:
 
 def versions() -> dict[str, str]:
     """Return the versions of glvis, Python and the packages that numbers depend on."""
-    found = {"python": platform.python_version()}
-    for name in ("glvis", *_PACKAGES):
+    found = {"python": platform.python_version(), "glvis": __version__}
+    for name in _PACKAGES:
         try:
             found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # run from a checkout, or a fork by another name
+        except metadata.PackageNotFoundError:  # a fork by another name
             found[name] = ""
     return found
 

@@ -39,6 +39,27 @@ def quaternion(rotation: ArrayLike) -> Floats:
     return -q if q[0] < 0 else q
 
 
+def rotation(wxyz: ArrayLike) -> Floats:
+    """Return the rotation (3, 3) of a quaternion (w, x, y, z) of any length > 0.
+
+    Raises
+    ------
+    ValueError
+        If all four are 0.
+    """
+    q = np.asarray(wxyz, dtype=float)
+    if not q.any():
+        raise ValueError("a quaternion of zeros is no rotation")
+    w, x, y, z = q / np.abs(q).max() / np.linalg.norm(q / np.abs(q).max())
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def roll_pitch_yaw(rotation: ArrayLike) -> tuple[float, float, float]:
     """Return URDF's angles, radians: turns about the fixed axes x, then y, then z."""
     r = np.asarray(rotation, dtype=float)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from glvis.hints import command
 from glvis.inputs.sweep import Plan, PlannedRun, value_text
 from glvis.outputs.series_tables import kind_of
 from glvis.outputs.spread import Apart, Spread, Statistic
@@ -56,7 +57,7 @@ def series_lines(plan: Plan, spreads: Sequence[Spread], directory: Path) -> Iter
     if finished < len(plan.runs):
         yield (
             f"{finished} of {len(plan.runs)} runs are finished; "
-            f"glvis optimize --resume {directory} goes on"
+            f"{command('optimize', '--resume', directory)} goes on"
         )
     yield f"Results: {directory} ({kind}.csv, {kind}.json, {kind}.png, run-01/, ...)"
 

@@ -21,7 +21,7 @@ def spread_lines(
     """Yield mean, 5th percentile and worst of randomly disturbed layouts."""
     unit, kind = placement.study.unit, placement.study.objective.kind.upper()
     yield (
-        f"{len(found)} layouts, every sensor up to {position:g} {unit} off along each axis and "
+        f"{len(found)} layouts, every sensor up to {position:.4g} {unit} off along each axis and "
         f"{angle_deg:g} deg in tilt, pan and roll, spread evenly"
     )
     planned = worth(placement)
@@ -46,7 +46,7 @@ def sensitivity_lines(
     order = np.argsort(-losses, axis=None, kind="stable")[:_MOST_ROWS]
     rows = []
     for s, axis in zip(*np.unravel_index(order, losses.shape), strict=True):
-        error = f"{position:g} {unit}" if axis < 3 else f"{angle_deg:g} deg"
+        error = f"{position:.4g} {unit}" if axis < 3 else f"{angle_deg:g} deg"
         lost = f"{100 * losses[s, axis]:.2f}"
         rows.append((placement.study.sensor_names[s], AXES[axis], error, lost))
     yield from table(("sensor", "axis", "error", "lost %"), rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from glvis.inputs.estimate import (
 from glvis.inputs.pieces import pieces_words
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
+from glvis.optim.swarm_options import SwarmOptions
 from glvis.outputs.tables import mean_row, model_rows, sensor_table
 from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.sight.visibility import render_resolution
@@ -85,6 +87,16 @@ def study_lines(study: Study) -> Iterator[str]:
         yield "Variables: none; the study can be evaluated, there is nothing to search"
     yield ""
     yield from _objective_lines(study)
+    yield _search_line(study)
+
+
+def search_warnings(study: Study) -> list[str]:
+    """Return a sentence where options of the swarm stand in a study that another search runs."""
+    options = replace(study.swarm, seed=SwarmOptions().seed)  # all methods have the seed
+    if "search.method" not in study.assumed or options == SwarmOptions():
+        return []
+    method = study.search.method
+    return [f"[swarm]: its options have no say in '{method}', which searches; name [search] method"]
 
 
 def resolution_warnings(study: Study) -> list[str]:
@@ -222,4 +234,16 @@ def _objective_lines(study: Study) -> Iterator[str]:
         line += ", normalised" if objective.normalize else ", raw counts"
     if len(study.models) > 1:
         line += f"; {objective.aggregate} over {len(study.models)} models"
-    yield line
+    yield line + _assumed(study, "objective.kind")
+
+
+def _search_line(study: Study) -> str:
+    method, swarm = study.search.method, study.swarm
+    line = f"Search: {method}"
+    if method == "swarm":
+        line += f", {swarm.particles} particles, up to {swarm.iterations} iterations"
+    return f"{line}, seed {swarm.seed}" + _assumed(study, "search.method")
+
+
+def _assumed(study: Study, key: str) -> str:
+    return f" (by default: the study does not say {key})" if key in study.assumed else ""

@@ -100,6 +100,12 @@ class VisibilityMap:
     sensor_names: tuple[str, ...]
     visible: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        return (
+            f"VisibilityMap('{self.model_name}', visible {self.visible.shape}, "
+            f"{100 * self.coverage:.1f} % of the faces seen)"
+        )
+
     @property
     def counts(self) -> NDArray[np.int64]:
         """Number of sensors that see each face, (F,)."""
