@@ -20,6 +20,8 @@ ARROWS = {
     "rotations": "",
     "expressions": "",
     "meshfiles": "",
+    "units": "",
+    "welding": "",
     "complaints": "",
     "swarm_options": "",
     "search_options": "",
@@ -33,7 +35,7 @@ ARROWS = {
     "rivals": "climb script",
     "auto": "climb greedy rivals script",
     "sensor": "camera",
-    "scene": "meshfiles",
+    "scene": "meshfiles welding",
     "layout": "expressions",
     "mounts": "camera expressions layout",
     "clusters": "scene",
@@ -52,10 +54,11 @@ ARROWS = {
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"
     " visibility",
     "swarm": "box swarm_options",
-    "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
+    "schema": "camera expressions layout objective search_options sensor swarm_options units"
+    " visibility",
     "overrides": "errors expressions schema",
     "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
-    " search_options swarm_options visibility",
+    " search_options swarm_options units visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
