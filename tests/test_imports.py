@@ -59,7 +59,8 @@ ARROWS = {
     "overrides": "errors expressions schema",
     "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
     " search_options swarm_options units visibility",
-    "checks": "camera mounts scene study",
+    "winding": "scene welding",
+    "checks": "camera mounts scene study units winding",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
     " views visibility",
