@@ -121,7 +121,7 @@ class Model:
         return model
 
     def flipped(self) -> Model:
-        """Return the model with all its normals the other way, faces in the same order."""
+        """Return the model with all normals the other way, faces in the same order and uncut."""
         return Model(self.name, self.vertices, _read_only(self.faces[:, [0, 2, 1]]), self.path)
 
     def __getstate__(self) -> dict[str, Any]:
