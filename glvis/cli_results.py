@@ -76,7 +76,8 @@ def explain(result: ResultFolder) -> None:
     """Say what stays unseen and why, what each sensor is good for, where overlap is thin.
 
     Every unseen face has one reason: nothing looks there, turned away, too far, too near, too
-    oblique, hidden; that of the sensor that came closest to seeing it.
+    oblique, hidden; that of the sensor that came closest to seeing it. What a sensor would see
+    if it looked the other way is seen from behind: is the mesh inside out?
     """
     from glvis.outputs.explain_words import explain_lines
     from glvis.outputs.reading import read_result

@@ -5,6 +5,7 @@ Closed shapes wind outward. Sizes are full widths unless a name says radius.
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,24 @@ def write_off(path: Path, shape: Shape) -> Path:
     rows += [" ".join(map(repr, row)) for row in np.asarray(vertices, dtype=float).tolist()]
     rows += [f"3 {a} {b} {c}" for a, b, c in np.asarray(faces).tolist()]
     path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def write_3mf(path: Path, shape: Shape, unit: str | None = "millimeter") -> Path:
+    """Write a shape as 3MF, one object."""
+    vertices, faces = (np.asarray(part).tolist() for part in shape)
+    points = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in vertices)
+    rows = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces)
+    of_unit = f'unit="{unit}" ' if unit else ""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(
+            "3D/3dmodel.model",
+            f'<?xml version="1.0"?><model {of_unit}'
+            'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
+            f'<object id="1" type="model"><mesh><vertices>{points}</vertices>'
+            f"<triangles>{rows}</triangles></mesh></object></resources>"
+            '<build><item objectid="1"/></build></model>',
+        )
     return path
 
 

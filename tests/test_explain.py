@@ -75,6 +75,7 @@ def assert_reasons_are_those_of_rays(placement, m: int, allowed: float) -> None:
     found = unseen_reasons(placement)[m]
     unseen = placement.maps[m].counts == 0
     assert np.array_equal(found != SEEN, unseen)
+    assert not (found == REASONS.index("seen from behind")).any()
     areas = [model.areas[found == k].sum() for k in range(len(REASONS))]
     assert sum(areas) == pytest.approx(model.areas[unseen].sum(), rel=1e-12)
     truth = reasons_by_rays(placement, m)
@@ -127,17 +128,25 @@ def ball(tmp_path_factory):
     return evaluate_poses(load_study(folder / "study.toml"))
 
 
+def with_sensors(placement, chosen: slice):
+    """Return a placement with some of its sensors alone."""
+    study = placement.study
+    rig = replace(study.rig, sensor_names=study.rig.sensor_names[chosen])
+    return replace(
+        placement,
+        study=replace(study, sensors=study.sensors[chosen], rig=rig),
+        camera_to_world=placement.camera_to_world[chosen],
+        maps=tuple(replace(found, visible=found.visible[chosen]) for found in placement.maps),
+    )
+
+
 def test_reasons_on_a_ball_are_those_of_rays(ball):
     assert_reasons_are_those_of_rays(ball, 0, 0.002)
 
 
 def test_what_lies_too_near_or_behind_is_told_by_formula(ball):
     model = ball.study.models[0]
-    alone = replace(ball, study=replace(
-        ball.study, sensors=ball.study.sensors[:1],
-    ), camera_to_world=ball.camera_to_world[:1], maps=tuple(
-        replace(found, visible=found.visible[:1]) for found in ball.maps
-    ))  # fmt: skip
+    alone = with_sensors(ball, slice(0, 1))
     alone = replace(alone, study=replace(alone.study, obstacles=()))
     found = unseen_reasons(alone)[0]
     z = model.centroids[:, 2]
@@ -164,6 +173,24 @@ def test_faces_between_the_pixels_are_told_apart_from_hidden_ones(ball):
     assert fine[is_small].mean() > 0.98
 
 
+def test_a_mesh_that_is_inside_out_is_seen_from_behind(ball):
+    model = ball.study.models[0]
+    turned = replace(ball.study, models=(model.flipped(),))
+    found = unseen_reasons(evaluate_poses(turned))[0]
+    assert np.array_equal(found == REASONS.index("seen from behind"), ball.maps[0].counts > 0)
+
+
+def test_a_sheet_below_which_sensors_stand_is_seen_from_behind(tmp_path):
+    path = write_small_study(tmp_path)
+    shapes.write_off(tmp_path / "cube.off", shapes.plate(1.0, cells=(3, 3)))
+    below = shapes.merged(shapes.plate(1.0, cells=(3, 3)), shapes.cube(0.5, (0, 0, 2)))
+    placement = evaluate_poses(load_study(path))
+    assert REASONS.index("seen from behind") not in unseen_reasons(placement)[0]
+    shapes.write_off(tmp_path / "cube.off", (below[0] * [1, 1, -1], below[1][:, ::-1]))
+    (sheet,) = {REASONS[k] for k in unseen_reasons(evaluate_poses(load_study(path)))[0][:18]}
+    assert sheet == "seen from behind"
+
+
 def test_face_without_area_has_no_other_reason(tmp_path):
     path = write_small_study(tmp_path)
     vertices, faces = shapes.cube(1.0)
@@ -182,13 +209,7 @@ def test_papers_rules_judge_by_vertices(tmp_path):
     cube, small = (found.visible[2] for found in placement.maps)
     assert not cube[tops[0]].any()
     assert small[tops[1]].all()
-    alone = replace(
-        placement,
-        study=replace(placement.study, sensors=placement.study.sensors[2:]),
-        camera_to_world=placement.camera_to_world[2:],
-        maps=tuple(replace(found, visible=found.visible[2:]) for found in placement.maps),
-    )
-    found = unseen_reasons(alone)[0]
+    found = unseen_reasons(with_sensors(placement, slice(2, 3)))[0]
     assert {REASONS[k] for k in found[tops[0]]} == {"too near"}
 
 

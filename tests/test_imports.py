@@ -22,6 +22,8 @@ ARROWS = {
     "rotations": "",
     "expressions": "",
     "meshfiles": "",
+    "units": "",
+    "welding": "",
     "complaints": "",
     "swarm_options": "",
     "search_options": "",
@@ -35,7 +37,7 @@ ARROWS = {
     "rivals": "climb script",
     "auto": "climb greedy rivals script",
     "sensor": "camera",
-    "scene": "hints meshfiles",
+    "scene": "meshfiles welding",
     "layout": "expressions",
     "mounts": "camera expressions layout",
     "clusters": "scene",
@@ -54,13 +56,15 @@ ARROWS = {
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"
     " visibility",
     "swarm": "box swarm_options",
-    "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
+    "schema": "camera expressions layout objective search_options sensor swarm_options units"
+    " visibility",
     "lengths": "schema",
     "overrides": "errors expressions schema",
     "keys": "errors expressions overrides schema",
     "study": "errors complaints expressions lengths mounts notebook objective overrides pieces"
-    " scene schema sensor search_options swarm_options visibility",
-    "checks": "camera mounts scene study",
+    " scene schema sensor search_options swarm_options units visibility",
+    "winding": "scene welding",
+    "checks": "camera mounts scene study units winding",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
     " views visibility",

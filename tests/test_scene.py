@@ -6,7 +6,18 @@ import struct
 
 import numpy as np
 import pytest
-from shapes import corners, cube, flipped, icosphere, merged, permuted, plate, soup, torus
+from shapes import (
+    corners,
+    cube,
+    flipped,
+    icosphere,
+    merged,
+    permuted,
+    plate,
+    soup,
+    torus,
+    write_3mf,
+)
 
 from glvis.inputs.scene import SUFFIXES, Model, load_model
 
@@ -336,22 +347,8 @@ def test_glb_keeps_faces_without_area(saved):
 
 
 def test_3mf_comes_back_face_by_face(saved, tmp_path):
-    pytest.importorskip("lxml", reason="3MF needs lxml and networkx (the extra 'mesh')")
-    pytest.importorskip("networkx", reason="3MF needs lxml and networkx (the extra 'mesh')")
-    import zipfile
-
     vertices, faces = cube()
-    points = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in vertices.tolist())
-    rows = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist())
-    xml = (
-        '<model unit="millimeter" '
-        'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>'
-        f'<object id="1" type="model"><mesh><vertices>{points}</vertices>'
-        f"<triangles>{rows}</triangles></mesh></object></resources>"
-        '<build><item objectid="1"/></build></model>'
-    )
-    with zipfile.ZipFile(tmp_path / "box.3mf", "w") as archive:
-        archive.writestr("3D/3dmodel.model", xml)
+    write_3mf(tmp_path / "box.3mf", (vertices, faces))
     found = load_model(tmp_path / "box.3mf")
     np.testing.assert_array_equal(found.vertices[found.faces], corners((vertices, faces)))
 
@@ -480,9 +477,7 @@ def test_a_reader_that_is_not_installed_is_named(saved, monkeypatch):
         raise ModuleNotFoundError("No module named 'lxml'")  # trimesh's has no ``name``
 
     monkeypatch.setattr("trimesh.load_scene", load_scene)
-    message = (
-        r"^cannot be read as 3MF: No module named 'lxml'; install it by: pip install \"\.\[mesh\]"
-    )
+    message = r"^cannot be read as 3MF: No module named 'lxml'$"
     with pytest.raises(ValueError, match=message):
         saved("a.3mf", b"PK")
 

@@ -213,6 +213,15 @@ def test_scale_is_for_models_and_obstacles(load):
     np.testing.assert_allclose(study.obstacles[0].bounds[:, 0], [1900, 2100])
 
 
+def test_flip_turns_the_normals_of_models_and_keeps_the_order_of_faces(load):
+    normals = [model.normals for model in load(STUDY).models]
+    for flip, signs in (("true", (-1, -1)), ("false", (1, 1)), ("['box']", (1, -1))):
+        turned = load(STUDY.replace("# scale = 1.0", f"flip = {flip}"))
+        for model, before, sign in zip(turned.models, normals, signs, strict=True):
+            np.testing.assert_allclose(model.normals, sign * before, atol=1e-12)
+    assert np.array_equal(turned.obstacles[0].faces, load(STUDY).obstacles[0].faces)
+
+
 def test_globs_are_sorted_and_may_stand_beside_names(load, folder):
     for name in ("arm10", "arm2", "arm1"):
         (folder / f"{name}.off").write_text(off(cube()))

@@ -16,18 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.hints import installed_by
 from glvis.inputs.meshfiles import fans, read_obj, read_off, read_stl
+from glvis.inputs.welding import merged_where_identical
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 
 _FARTHEST = 1e12  # scene units; a file with larger numbers is broken
-
-# Odd numbers that spread the bits of a coordinate over a word; any others would do.
-_MIX = tuple(
-    np.uint64(factor)
-    for factor in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB, 0xD6E8FEB86659FD93)
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +113,16 @@ class Model:
         if points.dtype not in (np.float32, np.float64):
             points = points.astype(np.float64)
         _check_sane(points, corners, _FARTHEST / scale)
-        merged, merged_faces = _merged(points, corners)
+        merged, merged_faces = merged_where_identical(points, corners)
         merged = merged.astype(np.float64) * scale
         model = cls(name, _read_only(merged), _read_only(merged_faces), path)
         if not model.areas.any():
             raise ValueError(f"has {model.n_faces} faces and none of them has any area")
         return model
+
+    def flipped(self) -> Model:
+        """Return the model with all normals the other way, faces in the same order and uncut."""
+        return Model(self.name, self.vertices, _read_only(self.faces[:, [0, 2, 1]]), self.path)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what other processes are sent; what follows from it they work out themselves."""
@@ -302,7 +300,7 @@ def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     except OSError:
         raise
     except ImportError as error:
-        raise ValueError(f"cannot be read as {kind}: {error}; {installed_by('mesh')}") from error
+        raise ValueError(f"cannot be read as {kind}: {error}") from error
     except Exception as error:  # each of trimesh's readers fails in its own way
         raise ValueError(f"cannot be read as {kind}: {_first_line(error)}") from error
     if not parts:
@@ -363,55 +361,3 @@ def _check_sane(vertices: NDArray[Any], faces: NDArray[Any], limit: float) -> No
         raise ValueError(
             f"has impossible vertices in {len(bad)} of {len(faces)} faces: face {face} at ({point})"
         )
-
-
-def _merged(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Return vertices and faces with bitwise identical vertices merged, unused ones dropped.
-
-    Kept vertices stay in the order of their first appearance, so a mesh that repeats none
-    keeps its numbers.
-    """
-    is_used = np.zeros(len(vertices), dtype=bool)
-    is_used[faces] = True
-    # Most files use all they have; adding 0 makes -0.0 the same bits as 0.0.
-    points = (vertices if is_used.all() else vertices[is_used]) + vertices.dtype.type(0)
-    first = _first_of_each(points)
-    is_kept = first == np.arange(len(points))
-    number = (np.cumsum(is_kept, dtype=np.int32) - np.int32(1))[first]
-    if len(points) < len(vertices):
-        number = number[np.cumsum(is_used) - 1]
-    return points[is_kept], number[faces]
-
-
-def _first_of_each(points: NDArray[Any]) -> NDArray[np.int32]:
-    """Return, for each point (V, 3), the first index that holds the same point, (V,).
-
-    A hash table with a slot a point: all copies of a point fall into one slot, and the first
-    point there takes it. Who finds another point in its slot tries again among the losers with
-    another hash. No sort, so 12 million corners take seconds; always exact.
-    """
-    bits = max(4, len(points).bit_length())
-    table = np.zeros(1 << bits, dtype=np.int32)
-    first = np.zeros(len(points), dtype=np.int32)
-    left: NDArray[np.int32] = np.arange(len(points), dtype=np.int32)
-    left_points, turn = points, 0
-    while len(left):
-        slot = _hashes(left_points, turn, bits)
-        table[slot[::-1]] = left[::-1]  # of many that write, the last one stays
-        winner = table[slot]
-        is_same = (points[winner] == left_points).all(axis=1)
-        first[left[is_same]] = winner[is_same]
-        left, left_points, turn = left[~is_same], left_points[~is_same], turn + 1
-    return first
-
-
-def _hashes(points: NDArray[Any], turn: int, bits: int) -> NDArray[np.int64]:
-    """Return a number of so many bits for each point, equal for equal points, another each turn."""
-    words: NDArray[Any] = points.view(np.uint32 if points.dtype == np.float32 else np.uint64)
-    key = np.full(len(points), turn, dtype=np.uint64)
-    for column, factor in zip(words.T, _MIX, strict=False):
-        key += column.astype(np.uint64)
-        key *= factor
-        key ^= key >> np.uint64(29)
-    key *= _MIX[3]
-    return (key >> np.uint64(64 - bits)).astype(np.int64)

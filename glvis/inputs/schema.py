@@ -24,12 +24,12 @@ from glvis.camera import Intrinsics
 from glvis.inputs.expressions import nearest, parse_linear
 from glvis.inputs.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
 from glvis.inputs.sensor import CATALOGUE, Sensor
+from glvis.inputs.units import MM_PER_UNIT
 from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.sight.visibility import VisibilityOptions
 
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "inch": 25.4, "ft": 304.8}
 _RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
 _EDGES = "be 'auto', 'off' or a length greater than 0"
 _LARGEST_IMAGE = 16384  # pixels a side; what any OpenGL 3.3 driver of today renders
@@ -87,6 +87,12 @@ def _kind_of_resolution(value: Any) -> str | None:
     if isinstance(value, str):
         return "<word>"
     return "<size>" if isinstance(value, list) else None
+
+
+def _kind_of_flip(value: Any) -> str | None:
+    if isinstance(value, bool):
+        return "<bool>"
+    return "<names>" if isinstance(value, list) else None
 
 
 def _kind_of_edge(value: Any) -> str | None:
@@ -151,7 +157,15 @@ class SceneTable(Table):
 
     models: Annotated[Names, _within("name at least one mesh", bool)]
     obstacles: Names = []
-    scale: Positive = 1.0
+    scale: Positive | None = None  # from the unit of the file, where it says one
+    flip: Annotated[
+        Annotated[bool, Tag("<bool>")] | Annotated[Names, Tag("<names>")],
+        Discriminator(
+            _kind_of_flip,
+            custom_error_type="flip",
+            custom_error_message="must be true, false or a list of models' names",
+        ),
+    ] = False
     max_edge: Annotated[
         Annotated[str, _within(_EDGES, lambda v: v in ("auto", "off")), Tag("<word>")]
         | Annotated[float, _within(_EDGES, lambda v: v > 0), Tag("<length>")],
@@ -355,7 +369,7 @@ class StudyTable(Table):
 
     title: str = ""
     unit: Literal["mm", "cm", "m", "in", "inch", "ft"] = "mm"
-    up: Axis = [0.0, 0.0, 1.0]
+    up: Axis | None = None
     scene: SceneTable
     sensor: dict[str, SensorTable] = {}
     visibility: VisibilityTable = VisibilityTable()

@@ -27,6 +27,7 @@ from glvis.inputs.pieces import cut_models
 from glvis.inputs.scene import Model, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
+from glvis.inputs.units import UPS, own_scale, own_up
 from glvis.notebook import html_table
 from glvis.optim.objective import Objective
 from glvis.optim.search_options import SearchOptions
@@ -160,20 +161,23 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
             table = StudyTable.model_validate(data)
         except ValidationError as error:
             raise StudyError(first_error(error, data)) from None
-        sensors = _sensors(table)
-        rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], table.up)
-        with _located("[visibility] "):
-            visibility = table.visibility.to_options()
-        with _located("[objective] "):
-            objective = table.objective.to_objective()
-        swarm, search = _swarm(table), _search(table)
         folder = path.resolve().parent
         with _located("[scene] "):
             model_paths = list(_files(table.scene.models, folder, "models"))
             obstacle_paths = list(_files(table.scene.obstacles, folder, "obstacles"))
             _check_names(model_paths, obstacle_paths)
-        models = tuple(_model(file, table.scene.scale) for file in model_paths)
-        obstacles = tuple(_model(file, table.scene.scale) for file in obstacle_paths)
+        sensors = _sensors(table)
+        up = table.up or UPS[own_up(model_paths)]
+        rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], up)
+        with _located("[visibility] "):
+            visibility = table.visibility.to_options()
+        with _located("[objective] "):
+            objective = table.objective.to_objective()
+        swarm, search = _swarm(table), _search(table)
+        models = tuple(_model(file, table) for file in model_paths)
+        obstacles = tuple(_model(file, table) for file in obstacle_paths)
+        with _located("[scene] flip: "):
+            models = _flipped(models, table.scene.flip)
         looking = [sensors[kind] for kind in dict.fromkeys(rig.sensor_kinds)]
         with _located("[scene] "):
             models = cut_models(models, table.scene.max_edge, looking, visibility)
@@ -315,7 +319,17 @@ def _check_names(models: Sequence[Path], obstacles: Sequence[Path]) -> None:
             raise StudyError(f"{file.name} is both a model and an obstacle")
 
 
-def _model(path: Path, scale: float) -> Model:
-    """Return a mesh, with its path before what is wrong with it."""
+def _flipped(models: Sequence[Model], flip: bool | Sequence[str]) -> tuple[Model, ...]:
+    """Return models, those that are named, or all, with their normals the other way."""
+    names = [model.name for model in models]
+    chosen = (names if flip else []) if isinstance(flip, bool) else flip
+    for name in chosen:
+        if name not in names:
+            raise StudyError(f"no model is called '{name}'{nearest(name, names)}")
+    return tuple(model.flipped() if model.name in chosen else model for model in models)
+
+
+def _model(path: Path, table: StudyTable) -> Model:
+    """Return a mesh in the study's unit, with its path before what is wrong with it."""
     with _located(f"[scene] {path} "):
-        return load_model(path, scale)
+        return load_model(path, table.scene.scale or own_scale(path, table.unit))

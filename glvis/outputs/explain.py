@@ -3,7 +3,8 @@
 Every unseen face gets one reason: that of the sensor that came closest to seeing it. So the
 areas of the reasons add up to the unseen area. Judged at the face's centre of mass, as the
 criterion "centroid" does; with the paper's semantics by its rules for vertices. What no allowed
-pose sees is out of reach, whatever else kept a sensor from seeing it.
+pose sees is out of reach, whatever else kept a sensor from seeing it. A face whose back a sensor
+would see is seen from behind before all that: a mesh that is inside out has no other fault.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 # From the farthest from being seen to the nearest; the order in which a sensor's rules ask. The
-# last two stand above them all.
+# last three stand above them all.
 REASONS = (
     "nothing looks there",
     "turned away",
@@ -38,11 +39,13 @@ REASONS = (
     "smaller than a pixel",
     "no area",
     "out of reach",
+    "seen from behind",
 )
-_OUTSIDE, _BACK, _FAR, _NEAR, _OBLIQUE, _HIDDEN, _OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE = range(
-    len(REASONS)
-)
+(
+    _OUTSIDE, _BACK, _FAR, _NEAR, _OBLIQUE, _HIDDEN, _OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE, _BEHIND
+) = range(len(REASONS))  # fmt: skip
 SEEN = -1
+_OTHERWISE = (SEEN, _OBSTRUCTED, _TINY, _NO_AREA)  # what no look from behind changes
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     Raises
     ------
     MachineError
-        Where there is no OpenGL; hiding by obstacles is told by a second look without them.
+        Where there is no OpenGL; hiding by obstacles is told by a second look without them,
+        backs by one at the models turned inside out.
     """
     study, poses = placement.study, placement.camera_to_world
     found = []
@@ -96,6 +100,10 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     if placement.reach:
         for reasons, by in zip(found, placement.reach.sensors, strict=True):
             reasons[(by == 0) & (reasons != _NO_AREA)] = _NOWHERE
+    turned = replace(study, models=tuple(model.flipped() for model in study.models))
+    backs = evaluate_poses(turned, poses).maps
+    for reasons, seen_map in zip(found, backs, strict=True):
+        reasons[(seen_map.counts > 0) & ~np.isin(reasons, _OTHERWISE)] = _BEHIND
     return found
 
 

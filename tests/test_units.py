@@ -1,0 +1,105 @@
+"""Units: formats that say theirs are believed; sizes that make no sense raise a question."""
+
+import numpy as np
+import pytest
+from shapes import corners, cube, write_3mf, write_off
+from test_scene import glb
+
+from glvis.inputs.study import load_study
+from glvis.inputs.units import guess_words, mm_per_own_unit, own_up, unit_guess
+
+STUDY = """\
+unit = "UNIT"
+[scene]
+models = ["MODEL"]
+max_edge = "off"
+[sensor.eye]
+hfov_deg = 60
+vfov_deg = 40
+resolution = [640, 480]
+max_distance = 400
+[[mount]]
+name = "A"
+sensor = "eye"
+position = [30, 0, 0]
+direction = [-1, 0, 0]
+"""
+
+
+@pytest.fixture
+def loaded(tmp_path):
+    """Load a study of a cube of side 2 in a format and a unit."""
+
+    def load(name, unit, of_file="millimeter", scene=""):
+        if name.endswith(".glb"):
+            (tmp_path / name).write_bytes(glb([{"mesh": 0}], [corners(cube(2.0))]))
+        elif name.endswith(".3mf"):
+            write_3mf(tmp_path / name, cube(2.0), of_file)
+        else:
+            write_off(tmp_path / name, cube(2.0))
+        text = STUDY.replace("UNIT", unit).replace("MODEL", name)
+        (tmp_path / "s.toml").write_text(
+            text.replace('max_edge = "off"', f'max_edge = "off"\n{scene}')
+        )
+        return load_study(tmp_path / "s.toml")
+
+    return load
+
+
+def side(study) -> float:
+    return float(np.ptp(study.models[0].bounds[:, 0]))
+
+
+@pytest.mark.parametrize(
+    ("name", "of_file", "unit", "expected"),
+    [
+        ("a.glb", None, "m", 2), ("a.glb", None, "mm", 2000), ("a.glb", None, "in", 2000 / 25.4),
+        ("a.3mf", "millimeter", "mm", 2), ("a.3mf", "inch", "mm", 50.8), ("a.3mf", "inch", "in", 2),
+        ("a.3mf", "micron", "mm", 0.002), ("a.3mf", "meter", "cm", 200),
+        ("a.3mf", "foot", "m", 0.6096),
+        ("a.3mf", "centimeter", "mm", 20), ("a.3mf", None, "m", 0.002),
+        ("a.off", None, "mm", 2), ("a.off", None, "m", 2),
+    ],
+)  # fmt: skip
+def test_a_format_that_says_its_unit_is_believed(loaded, name, of_file, unit, expected):
+    assert side(loaded(name, unit, of_file)) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["a.glb", "a.3mf"])
+def test_scale_goes_before_the_unit_of_a_file(loaded, name):
+    assert side(loaded(name, "cm", "inch", scene="scale = 3")) == pytest.approx(6)
+
+
+def test_gltf_is_y_up_unless_the_study_says_otherwise(loaded, tmp_path):
+    assert loaded("a.glb", "m").up.tolist() == [0, 1, 0]
+    assert loaded("a.3mf", "mm").up.tolist() == [0, 0, 1]
+    text = (tmp_path / "s.toml").read_text().replace("a.3mf", "a.glb")
+    (tmp_path / "s.toml").write_text("up = [0, 0, 1]\n" + text)
+    assert load_study(tmp_path / "s.toml").up.tolist() == [0, 0, 1]
+    assert own_up([tmp_path / "a.glb", tmp_path / "b.stl"]) == "z"
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04 broken"])
+def test_unit_of_a_broken_3mf_is_left_to_its_reader(tmp_path, content):
+    (tmp_path / "a.3mf").write_bytes(content)
+    assert mm_per_own_unit(tmp_path / "a.3mf") == 1
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "guess"),
+    [
+        (5.76, "mm", ["m", "in"]),  # a CAD part of 146 mm in inches, or a truck in metres
+        (0.55, "mm", ["m"]),  # a robot's link
+        (0.066, "mm", ["m"]),  # a connector
+        (300.0, "m", ["in", "mm"]),  # an arm
+        (120.0, "mm", []), (12.0, "m", []), (5.0, "in", []), (11.0, "mm", []), (95.0, "m", []),
+        (1e-5, "mm", []),  # nothing would be plausible
+    ],
+)  # fmt: skip
+def test_units_that_a_size_makes_more_likely(size, unit, guess):
+    assert unit_guess(size, unit) == guess
+
+
+def test_the_guess_is_a_question_with_sizes():
+    assert guess_words(5.76, ["m", "in"]) == "are these metres (5.76 m) or inches (146 mm)?"
+    assert guess_words(0.55, ["m"]) == "are these metres (550 mm)?"
