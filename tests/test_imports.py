@@ -21,6 +21,9 @@ ARROWS = {
     "expressions": "",
     "meshfiles": "",
     "complaints": "",
+    "files": "complaints",
+    "values": "complaints files",
+    "meshpaths": "complaints errors files",
     "swarm_options": "",
     "search_options": "",
     "progress": "",
@@ -52,10 +55,11 @@ ARROWS = {
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"
     " visibility",
     "swarm": "box swarm_options",
-    "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
-    "overrides": "errors expressions schema",
-    "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
-    " search_options swarm_options visibility",
+    "schema": "camera complaints expressions layout objective search_options sensor swarm_options"
+    " values visibility",
+    "overrides": "complaints errors expressions files schema",
+    "study": "errors complaints expressions files meshpaths mounts objective overrides pieces scene"
+    " schema sensor search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
@@ -78,7 +82,7 @@ ARROWS = {
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study",
-    "sweep": "errors estimate overrides sensor study",
+    "sweep": "complaints errors estimate files overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility",
     "framing": "camera",
@@ -121,8 +125,8 @@ ARROWS = {
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors placement series series_tables series_words study sweep"
     " terminal",
-    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
-    " placement reach reading starter study terminal wording workers",
+    "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
+    " files folder placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",
@@ -136,7 +140,7 @@ DOORS = {
     "glcontext": "context",
     "trimesh": "scene",
     "pyswarms": "swarm",
-    "pydantic": "schema complaints study",
+    "pydantic": "schema complaints study values",
     "typer": "cli cli_options cli_results cli_series",
     "distributed": "cluster remote",
     "cma": "covariance",
