@@ -71,9 +71,10 @@ ARROWS = {
     "cluster": "errors maps remote workers",
     "memory": "",
     "guess": "memory sensor study",
-    "search": "auto box covariance differential greedy guess refine script search_options study"
-    " swarm",
-    "checkpoint": "errors study",
+    "search": "auto box covariance differential errors greedy guess refine script search_options"
+    " study swarm",
+    "states": "complaints files search study swarm_options",
+    "checkpoint": "complaints errors evaluator files states study",
     "run": "checkpoint errors evaluator progress search study",
     "reach": "box checkpoint evaluator visibility",
     "placement": "checkpoint cluster context evaluator maps progress reach run search study"
@@ -140,7 +141,7 @@ DOORS = {
     "glcontext": "context",
     "trimesh": "scene",
     "pyswarms": "swarm",
-    "pydantic": "schema complaints study values",
+    "pydantic": "schema complaints states study values",
     "typer": "cli cli_options cli_results cli_series",
     "distributed": "cluster remote",
     "cma": "covariance",

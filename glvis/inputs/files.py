@@ -98,7 +98,7 @@ def toml_tables(text: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, most: int) -> Any:
-    """Return what a JSON file says: no deeper than ``DEEPEST``, every text of whole letters.
+    """Return what a JSON file says, see ``json_value``.
 
     Raises
     ------
@@ -108,15 +108,28 @@ def read_json(path: Path, most: int) -> Any:
         If the file cannot be read.
     """
     try:
-        found = json.loads(read_text(path, most))
-        check_depth(found)
-        check_text(found)
-    except RecursionError:
-        raise ValueError("is no JSON: nested too deeply") from None
+        text = read_text(path, most)
     except UnicodeDecodeError as error:
         raise ValueError(f"is no JSON: no text in UTF-8 (byte {error.start})") from None
-    except json.JSONDecodeError as error:
-        raise ValueError(f"is no JSON: {error}") from None
+    return json_value(text)
+
+
+def json_value(text: str) -> Any:
+    """Return what a JSON text says: no deeper than ``DEEPEST``, every text of whole letters.
+
+    Raises
+    ------
+    ValueError
+        The bare fact.
+    """
+    try:
+        found = json.loads(text)
+        check_depth(found)
+    except RecursionError:
+        raise ValueError("is no JSON: nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"is no JSON: {shortened(str(error), 200)}") from None
+    check_text(found)
     return found
 
 
