@@ -48,12 +48,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # names in letters that this terminal lacks
             stream.reconfigure(errors="replace")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if wrong := [word for word in words if not _is_text(word)]:
+        from glvis.inputs.files import printable
+
+        return _fail(f"{printable(wrong[0])}: is no text in UTF-8; rename what it names", 2)
     try:
-        code = app(arguments, prog_name="glvis", standalone_mode=False)
+        code = app(words, prog_name="glvis", standalone_mode=False)
     except StudyError as error:
         return _fail(str(error), 2)
     except MachineError as error:
         return _fail(str(error), 1)
+    except OSError as error:  # a name that is too long, a folder that is gone
+        return _fail(f"{error.filename or 'the system'}: {error.strerror or error}", 1)
     except MemoryError:
         return _fail("this machine has too little memory for the study", 1)
     except _UsageError as error:
@@ -64,8 +71,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(text: str, code: int) -> int:
-    sys.stderr.write(f"error: {' '.join(text.split())}\n")
+    from glvis.inputs.complaints import one_line
+
+    sys.stderr.write(f"error: {one_line(text)}\n")
     return code
+
+
+def _is_text(word: str) -> bool:
+    """Return whether an argument is whole letters: no result can hold bytes that are no UTF-8."""
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _print_version(wanted: bool) -> None:

@@ -25,6 +25,9 @@ ARROWS = {
     "units": "",
     "welding": "",
     "complaints": "",
+    "files": "complaints",
+    "values": "complaints files",
+    "meshpaths": "complaints errors files",
     "swarm_options": "",
     "search_options": "",
     "progress": "",
@@ -56,13 +59,13 @@ ARROWS = {
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"
     " visibility",
     "swarm": "box swarm_options",
-    "schema": "camera expressions layout objective search_options sensor swarm_options units"
-    " visibility",
+    "schema": "camera complaints expressions layout objective search_options sensor swarm_options"
+    " units values visibility",
     "lengths": "schema",
-    "overrides": "errors expressions schema",
+    "overrides": "complaints errors expressions files schema",
     "keys": "errors expressions overrides schema",
-    "study": "errors complaints expressions lengths mounts notebook objective overrides pieces"
-    " scene schema sensor search_options swarm_options units visibility",
+    "study": "errors complaints expressions files lengths meshpaths mounts notebook objective"
+    " overrides pieces scene schema sensor search_options swarm_options units visibility",
     "winding": "scene welding",
     "checks": "camera mounts scene study units winding",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
@@ -75,9 +78,10 @@ ARROWS = {
     "cluster": "errors hints maps remote workers",
     "memory": "",
     "guess": "memory sensor study",
-    "search": "auto box covariance differential greedy guess refine script search_options study"
-    " swarm",
-    "checkpoint": "errors study",
+    "search": "auto box covariance differential errors greedy guess refine script search_options"
+    " study swarm",
+    "states": "complaints files search study swarm_options",
+    "checkpoint": "complaints errors evaluator files states study",
     "run": "checkpoint errors evaluator progress search study",
     "reach": "box checkpoint evaluator visibility",
     "placement": "camera checkpoint cluster context evaluator maps notebook pieces progress reach"
@@ -86,7 +90,7 @@ ARROWS = {
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study",
-    "sweep": "errors estimate overrides sensor study",
+    "sweep": "complaints errors estimate files overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility",
     "given_poses": "camera errors folder reading rotations schema study",
@@ -131,8 +135,8 @@ ARROWS = {
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
     " terminal",
-    "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
-    " given_poses keys placement reach reading starter study terminal wording workers",
+    "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
+    " files folder given_poses keys placement reach reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement reading result",
@@ -146,7 +150,7 @@ DOORS = {
     "glcontext": "context",
     "trimesh": "scene",
     "pyswarms": "swarm",
-    "pydantic": "schema complaints study",
+    "pydantic": "schema complaints states study values",
     "typer": "cli cli_options cli_results cli_series",
     "distributed": "cluster remote",
     "cma": "covariance",

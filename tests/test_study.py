@@ -321,7 +321,7 @@ def test_a_bad_study_ends_in_one_exact_line(load, folder, old, new, message):
         (FIXED + "[swarm]\ninertia = [1, 2, 3]", "[swarm] inertia = [1, 2, 3] must be [low, high]"),
         (
             FIXED + "[swarm]\nparticles = 1" + "0" * 30,
-            "must be at most 1000000",
+            "must be at most 10000",
         ),
         (FIXED + "[swarm]\nseed = 1" + "0" * 400, "0000... must be at most 9223372036854775807"),
         (FIXED + "[sensor.x]\n", "[sensor.x] 'hfov_deg' is missing"),

@@ -1,8 +1,11 @@
-"""pydantic's complaints in one line of this project's words: key, what it got, what is allowed."""
+"""Complaints in one line of this project's words: key, what it got, what is allowed.
+
+Whatever is quoted from a file is cut here, so that no line is longer than a person reads.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -20,7 +23,24 @@ _WORDS = {
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "finite_number": "must be finite",
+    "int_parsing_size": "must be a whole number of at most 4300 digits",
 }
+_QUOTE, _LINE = 80, 480  # letters of what is quoted, and of a whole line
+_TAIL = 180  # of a line that is cut: the fact and the advice stand at its end
+
+
+def shortened(text: str, most: int = _QUOTE) -> str:
+    """Return a text that somebody else wrote, to be quoted: one line, its end cut off if long."""
+    text = " ".join(text[: 4 * most].split()) + ("..." if len(text) > 4 * most else "")
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def one_line(message: str) -> str:
+    """Return a whole message in one line; of a long one, head and end."""
+    line = " ".join(message.split())
+    if len(line) <= _LINE:
+        return line
+    return f"{line[: _LINE - _TAIL - 5]} ... {line[-_TAIL:]}"
 
 
 def first_error(error: ValidationError, data: Mapping[str, Any]) -> str:
@@ -61,14 +81,30 @@ def located(loc: tuple[str | int, ...], data: Mapping[str, Any]) -> tuple[str, s
     if path[:1] == ["mount"] and isinstance(top, list) and len(path) > 1:
         mount = top[int(path[1])]
         name = mount.get("name") if isinstance(mount, dict) else None
-        label = f"'{name}'" if isinstance(name, str) else f"number {int(path[1]) + 1}"
+        label = f"'{shortened(name)}'" if isinstance(name, str) else f"number {int(path[1]) + 1}"
         header, path = f"[[mount]] {label} ", path[2:]
     elif isinstance(top, dict):
         header, path = f"[{path[0]}] ", path[1:]
         if header == "[sensor] " and path and isinstance(top.get(str(path[0])), dict):
-            header, path = f"[sensor.{path[0]}] ", path[1:]
+            header, path = f"[sensor.{shortened(str(path[0]))}] ", path[1:]
+    return header, _dotted(path)
+
+
+def first_json_error(error: ValidationError) -> str:
+    """Return the first of pydantic's complaints about a JSON file in one line."""
+    found = error.errors(include_url=False)[0]
+    key = _dotted(found["loc"]) or "it"
+    if found["type"] == "missing":
+        return f"{key} is missing"
+    context = found.get("ctx", {})
+    text = str(context["error"]) if found["type"] == "value_error" else found["msg"].lower()
+    return f"{key} = {as_toml(found['input'])} {_WORDS.get(found['type'], text)}"
+
+
+def _dotted(path: Sequence[str | int]) -> str:
+    """Return "a.b[0]" of keys and places in lists."""
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
-    return header, key.lstrip(".")
+    return shortened(key.removeprefix("."))
 
 
 def as_toml(value: Any) -> str:
@@ -84,5 +120,4 @@ def as_toml(value: Any) -> str:
             text = "{ " + ", ".join(f"{k} = {as_toml(v)}" for k, v in value.items()) + " }"
         case _:
             text = str(value)
-    text = " ".join(text.split())
-    return text if len(text) <= 80 else text[:77] + "..."
+    return shortened(text)

@@ -7,6 +7,7 @@ changed values written in.
 from __future__ import annotations
 
 import copy
+import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,9 @@ import tomlkit
 from tomlkit.items import Array as TomlArray
 
 from glvis.errors import StudyError
+from glvis.inputs.complaints import shortened
 from glvis.inputs.expressions import nearest
+from glvis.inputs.files import toml_tables
 from glvis.inputs.schema import StudyTable, catalogue, sensor_table
 
 # Values by the keys (and places in lists) that lead to them.
@@ -27,6 +30,8 @@ MOUNTS = "mounts"  # no key of a study: how many of its mounts stay
 
 # Tables that a file may leave out and an override may open.
 _TABLES = ("scene", "visibility", "objective", "swarm", "search", "sweep")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_MOST_EDITED = 30_000  # letters; the time that tomlkit takes may grow with their square
 _NAME = re.compile(r"[^\W\d]\w*")
 _STAR = re.compile(r"(?<![^.])\*(?![^.])")  # a whole part of a dotted key
 
@@ -65,7 +70,7 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
                     for parts in _each_mount(_parts(key.strip()), data)
                 }
         except StudyError as error:
-            raise StudyError(f"override '{text}' {error}") from None
+            raise StudyError(f"override '{shortened(text)}' {error}") from None
         for path, new in found.items():
             changes.pop(path, None)  # the order of changes is that of the overrides
             changes[path] = new
@@ -75,9 +80,11 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
 
 def written(source: str, changes: Changes) -> str:
     """Return TOML text with some values replaced and all its comments kept."""
-    plain: dict[str, Any] = tomllib.loads(source)
+    plain = toml_tables(source)
     for path, value in changes.items():
         _assign(plain, path, value)
+    if len(source) > _MOST_EDITED:
+        return _plain_toml(plain)
     try:
         document = tomlkit.parse(source)
         for path, value in changes.items():
@@ -89,15 +96,15 @@ def written(source: str, changes: Changes) -> str:
         pass
     # tomlkit cannot edit every way of writing tables; then the values matter more than the
     # comments.
-    return tomlkit.dumps(plain)
+    return _plain_toml(plain)
 
 
 def toml_value(text: str) -> Any:
     """Return a value as TOML reads it, or the text itself."""
     text = text.strip()
     try:
-        found = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+        found = toml_tables(f"value = {text}")
+    except ValueError:
         return text
     return found["value"] if len(found) == 1 else text
 
@@ -140,12 +147,13 @@ def _each_mount(parts: list[str], data: Mapping[str, Any]) -> list[list[str]]:
 def _path(parts: list[str], data: dict[str, Any], changes: Changes) -> tuple[str | int, ...]:
     """Return the keys and list places that lead to a value; a missing table may be opened."""
     if parts[0] not in StudyTable.model_fields:
-        raise StudyError(f"is unknown: there is no '{parts[0]}' in a study{_hint(parts[0])}")
+        known = shortened(parts[0])
+        raise StudyError(f"is unknown: there is no '{known}' in a study{_hint(parts[0])}")
     path: list[str | int] = []
     node: Any = data
     for depth, part in enumerate(parts):
         is_last = depth == len(parts) - 1
-        above = ".".join(map(str, parts[:depth]))
+        above = shortened(".".join(map(str, parts[:depth])))
         if isinstance(node, list):
             place = _place(part, node, above)
             path.append(place)
@@ -162,8 +170,10 @@ def _path(parts: list[str], data: dict[str, Any], changes: Changes) -> tuple[str
             elif parts[0] == "sensor" and depth <= 1:
                 _open_sensor(parts, data, changes)
             else:
-                known = nearest(part, node)
-                raise StudyError(f"is unknown: there is no '{part}' in {above or 'it'}{known}")
+                raise StudyError(
+                    f"is unknown: there is no '{shortened(part)}' in {above or 'it'}"
+                    f"{nearest(part, node)}"
+                )
         node = node[part]
     return tuple(path)
 
@@ -172,9 +182,9 @@ def _parts(key: str) -> list[str]:
     """Return the names of a dotted key; a name with a dot in it stands in quotes, "*" need not."""
     plain = _STAR.sub('"*"', key)
     try:
-        node: Any = tomllib.loads(f"{plain} = 0")
-    except tomllib.TOMLDecodeError:
-        raise StudyError(f"has no key that TOML could read: '{key}'") from None
+        node: Any = toml_tables(f"{plain} = 0")
+    except ValueError:
+        raise StudyError(f"has no key that TOML could read: '{shortened(key)}'") from None
     parts = []
     while isinstance(node, dict):
         ((part, node),) = node.items()
@@ -190,8 +200,8 @@ def _place(part: str, entries: list[Any], above: str) -> int:
     if part.isdecimal() and int(part) < len(entries):
         return int(part)
     known = [str(name) for name in names if name is not None]
-    choice = ", ".join(known) or f"0 to {len(entries) - 1}"
-    raise StudyError(f"is unknown: there is no '{part}' in {above}; there are {choice}")
+    choice = shortened(", ".join(known)) or f"0 to {len(entries) - 1}"
+    raise StudyError(f"is unknown: there is no '{shortened(part)}' in {above}; there are {choice}")
 
 
 def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -> None:
@@ -203,7 +213,9 @@ def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -
     known = catalogue(unit) if isinstance(unit, str) else {}
     if parts[1] not in known:
         names = ", ".join([*sensors, *(name for name in known if name not in sensors)])
-        raise StudyError(f"is unknown: there is no sensor '{parts[1]}'; there are {names}")
+        raise StudyError(
+            f"is unknown: there is no sensor '{shortened(parts[1])}'; there are {shortened(names)}"
+        )
     sensors[parts[1]] = sensor_table(known[parts[1]])
     changes["sensor", parts[1]] = dict(sensors[parts[1]])
 
@@ -233,6 +245,35 @@ def toml_text(value: Any) -> str:
         return tomlkit.item(value).as_string()
     pairs = (f"{tomlkit.key(key).as_string()} = {toml_text(v)}" for key, v in value.items())
     return "{ " + ", ".join(pairs) + " }"
+
+
+def _plain_toml(tables: Mapping[str, Any], above: str = "") -> str:
+    """Return nested tables as TOML text, values first and then the tables of each table."""
+    lines, inner = [], []
+    for name, value in tables.items():
+        key = name if _BARE.fullmatch(name) else _plain_value(name)
+        if isinstance(value, dict):
+            inner.append(f"\n[{above}{key}]\n{_plain_toml(value, f'{above}{key}.')}")
+        elif isinstance(value, list) and value and all(isinstance(v, dict) for v in value):
+            inner += [f"\n[[{above}{key}]]\n{_plain_toml(v, f'{above}{key}.')}" for v in value]
+        else:
+            lines.append(f"{key} = {_plain_value(value)}\n")
+    return "".join([*lines, *inner])
+
+
+def _plain_value(value: Any) -> str:
+    """Return a value as TOML, whatever a file can hold."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():  # JSON writes texts as TOML does, but for one control
+            return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        case list():
+            return f"[{', '.join(map(_plain_value, value))}]"
+        case dict():
+            pairs = (f"{_plain_value(key)} = {_plain_value(v)}" for key, v in value.items())
+            return f"{{ {', '.join(pairs)} }}"
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 
 def _assign(node: Any, path: Sequence[str | int], value: Any) -> None:

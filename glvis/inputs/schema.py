@@ -21,10 +21,32 @@ from pydantic import (
 )
 
 from glvis.camera import Intrinsics
+from glvis.inputs.complaints import shortened
 from glvis.inputs.expressions import nearest, parse_linear
 from glvis.inputs.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
 from glvis.inputs.sensor import CATALOGUE, Sensor
 from glvis.inputs.units import MM_PER_UNIT
+from glvis.inputs.values import (
+    FARTHEST,
+    LARGEST_IMAGE,
+    MOST,
+    MOST_MOUNTS,
+    Axis,
+    Incidence,
+    Kind,
+    Name,
+    Names,
+    Opening,
+    Point,
+    Positive,
+    Size,
+    Title,
+    Weight,
+    at_most,
+    by_type,
+    few,
+    within,
+)
 from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
@@ -32,7 +54,6 @@ from glvis.sight.visibility import VisibilityOptions
 
 _RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
 _EDGES = "be 'auto', 'off' or a length greater than 0"
-_LARGEST_IMAGE = 16384  # pixels a side; what any OpenGL 3.3 driver of today renders
 
 
 class Table(BaseModel):
@@ -49,56 +70,13 @@ class Table(BaseModel):
                     hint = nearest(key, cls.model_fields) or "; known are " + ", ".join(
                         cls.model_fields
                     )
-                    raise ValueError(f"unknown key '{key}'{hint}")
+                    raise ValueError(f"unknown key '{shortened(str(key))}'{hint}")
         return data
 
 
 def _given(table: Table) -> dict[str, Any]:
     """Return what the file says of a table, without the defaults."""
     return {key: getattr(table, key) for key in table.model_fields_set}
-
-
-def _within(allowed: str, test: Any) -> AfterValidator:
-    """Return a check that says what is allowed where ``test`` of the value is false."""
-
-    def check(value: Any) -> Any:
-        if not test(value):
-            raise ValueError(f"must {allowed}")
-        return value
-
-    return AfterValidator(check)
-
-
-def _kind_of_parameter(value: Any) -> str | None:
-    if isinstance(value, str):
-        return "<text>"
-    if isinstance(value, dict):
-        return "<free>"
-    return "<number>" if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def _kind_of_direction(value: Any) -> str | None:
-    if isinstance(value, dict):
-        return "<angles>"
-    return "<vector>" if isinstance(value, list) else None
-
-
-def _kind_of_resolution(value: Any) -> str | None:
-    if isinstance(value, str):
-        return "<word>"
-    return "<size>" if isinstance(value, list) else None
-
-
-def _kind_of_flip(value: Any) -> str | None:
-    if isinstance(value, bool):
-        return "<bool>"
-    return "<names>" if isinstance(value, list) else None
-
-
-def _kind_of_edge(value: Any) -> str | None:
-    if isinstance(value, str):
-        return "<word>"
-    return "<length>" if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 class FreeTable(Table):
@@ -133,44 +111,34 @@ else:
         | Annotated[FreeTable, Tag("<free>")]
         | Annotated[str, Tag("<text>")],
         Discriminator(
-            _kind_of_parameter,
+            by_type({str: "<text>", dict: "<free>", float: "<number>"}),
             custom_error_type="parameter",
             custom_error_message="must be a number, { min, max, start } or an expression",
         ),
         AfterValidator(_to_parameter),
     ]
-Triple = Annotated[list[Number], _within("have three entries", lambda v: len(v) == 3)]
-Point = Annotated[list[float], _within("have three entries", lambda v: len(v) == 3)]
-Axis = Annotated[Point, _within("not be zero", lambda v: any(v))]
-Pixels = Annotated[
-    int, _within(f"lie in [1, {_LARGEST_IMAGE}]", lambda v: 1 <= v <= _LARGEST_IMAGE)
-]
-Size = Annotated[list[Pixels], _within("be [width, height]", lambda v: len(v) == 2)]
-Positive = Annotated[float, _within("be greater than 0", lambda v: v > 0)]
-Opening = Annotated[float, _within("lie in (0, 180)", lambda v: 0 < v < 180)]
-Incidence = Annotated[float, _within("lie in (0, 90]", lambda v: 0 < v <= 90)]
-Names = list[Annotated[str, _within("not be empty", bool)]]
+Triple = Annotated[list[Number], within("have three entries", lambda v: len(v) == 3)]
 
 
 class SceneTable(Table):
     """``[scene]``."""
 
-    models: Annotated[Names, _within("name at least one mesh", bool)]
+    models: Annotated[Names, within("name at least one mesh", bool)]
     obstacles: Names = []
     scale: Positive | None = None  # from the unit of the file, where it says one
     flip: Annotated[
         Annotated[bool, Tag("<bool>")] | Annotated[Names, Tag("<names>")],
         Discriminator(
-            _kind_of_flip,
+            by_type({bool: "<bool>", list: "<names>"}),
             custom_error_type="flip",
             custom_error_message="must be true, false or a list of models' names",
         ),
     ] = False
     max_edge: Annotated[
-        Annotated[str, _within(_EDGES, lambda v: v in ("auto", "off")), Tag("<word>")]
-        | Annotated[float, _within(_EDGES, lambda v: v > 0), Tag("<length>")],
+        Annotated[str, within(_EDGES, lambda v: v in ("auto", "off")), Tag("<word>")]
+        | Annotated[float, within(_EDGES, lambda v: 0 < v <= FARTHEST), Tag("<length>")],
         Discriminator(
-            _kind_of_edge,
+            by_type({str: "<word>", float: "<length>"}),
             custom_error_type="edge",
             custom_error_message=f"must {_EDGES}",
         ),
@@ -183,7 +151,7 @@ class SensorTable(Table):
     hfov_deg: Opening
     vfov_deg: Opening
     resolution: Size
-    min_distance: Annotated[float, _within("be at least 0", lambda v: v >= 0)] = 0.0
+    min_distance: Annotated[float, within("be at least 0", lambda v: v >= 0)] = 0.0
     max_distance: Positive
     max_incidence_deg: Incidence = 90.0
 
@@ -203,12 +171,16 @@ class VisibilityTable(Table):
     """``[visibility]``."""
 
     criterion: Literal["pixels", "centroid"] = "pixels"
-    min_pixels: Annotated[int, _within("be at least 1", lambda v: v >= 1)] = 1
+    min_pixels: Annotated[
+        int,
+        within("be at least 1", lambda v: v >= 1),
+        within(f"be at most {LARGEST_IMAGE**2}", lambda v: v <= LARGEST_IMAGE**2),
+    ] = 1
     resolution: Annotated[
-        Annotated[str, _within(_RESOLUTIONS, lambda v: v in ("auto", "sensor")), Tag("<word>")]
+        Annotated[str, within(_RESOLUTIONS, lambda v: v in ("auto", "sensor")), Tag("<word>")]
         | Annotated[Size, Tag("<size>")],
         Discriminator(
-            _kind_of_resolution,
+            by_type({str: "<word>", list: "<size>"}),
             custom_error_type="resolution",
             custom_error_message=f"must {_RESOLUTIONS}",
         ),
@@ -248,7 +220,7 @@ class AnglesTable(Table):
 class MirrorTable(Table):
     """``mirror = { plane, name }`` or ``{ point, normal, name }``."""
 
-    name: str
+    name: Name
     plane: Literal["yz", "xz", "xy"] | None = None
     point: Point = [0.0, 0.0, 0.0]
     normal: Axis | None = None
@@ -270,15 +242,15 @@ class MirrorTable(Table):
 class MountTable(Table):
     """``[[mount]]``."""
 
-    name: str
-    sensor: str
+    name: Name
+    sensor: Name
     ring: RingTable | None = None
     position: Triple | None = None
     direction: (
         Annotated[
             Annotated[AnglesTable, Tag("<angles>")] | Annotated[Triple, Tag("<vector>")],
             Discriminator(
-                _kind_of_direction,
+                by_type({dict: "<angles>", list: "<vector>"}),
                 custom_error_type="direction",
                 custom_error_message="must be { azimuth_deg, elevation_deg } or [x, y, z]",
             ),
@@ -318,14 +290,21 @@ class ObjectiveTable(Table):
 
     kind: Literal["of1", "of2", "of3"] = "of1"
     weights: Literal["set1", "set2"] = "set1"
-    w_tot: float | None = None
-    w_of1: float | None = None
-    w_of2: float | None = None
-    overlap: Annotated[list[float], _within("have at least one weight", bool)] | None = None
+    w_tot: Weight | None = None
+    w_of1: Weight | None = None
+    w_of2: Weight | None = None
+    overlap: (
+        Annotated[
+            list[Weight],
+            within("have at least one weight", bool),
+            within(f"have at most {MOST_MOUNTS} weights", lambda v: len(v) <= MOST_MOUNTS),
+        ]
+        | None
+    ) = None
     by_area: bool = True
     normalize: bool = True
     aggregate: Literal["mean", "min", "cvar"] = "mean"
-    cvar_fraction: Annotated[float, _within("lie in (0, 1]", lambda v: 0 < v <= 1)] = 0.5
+    cvar_fraction: Annotated[float, within("lie in (0, 1]", lambda v: 0 < v <= 1)] = 0.5
 
     def to_objective(self) -> Objective:
         """Return the objective; single weights go before those of the set."""
@@ -336,23 +315,19 @@ class ObjectiveTable(Table):
         return Objective(**(terms | given), overlap=overlap)
 
 
-# Beyond these nothing is meant and memory or 64 bits run out.
-_MOST = {"particles": 10**6, "iterations": 10**9, "stall_iterations": 10**9, "seed": 2**63 - 1}
-
-
 def _table_of(options: Any) -> type[Table]:
     """Return a table with the fields of a dataclass; pairs are lists in TOML."""
     hints = get_type_hints(options)
-    pair = Annotated[
-        list[float], _within("be [low, high]", lambda v: len(v) == 2), AfterValidator(tuple)
-    ]
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(options):
         hint = hints[field.name]
-        if hint is int:
-            most = _MOST[field.name]
-            hint = Annotated[int, _within(f"be at most {most}", lambda v, most=most: v <= most)]
-        fields[field.name] = (pair if hint == tuple[float, float] else hint, field.default)
+        if hint == tuple[float, float]:
+            hint = Annotated[
+                list[float], within("be [low, high]", lambda v: len(v) == 2), AfterValidator(tuple)
+            ]
+        if field.name in MOST:
+            hint = Annotated[hint, at_most(MOST[field.name])]
+        fields[field.name] = (hint, field.default)
     return create_model(f"{options.__name__}Table", __base__=Table, **fields)
 
 
@@ -367,14 +342,14 @@ else:
 class StudyTable(Table):
     """A whole study file."""
 
-    title: str = ""
+    title: Title = ""
     unit: Literal["mm", "cm", "m", "in", "inch", "ft"] = "mm"
     up: Axis | None = None
     scene: SceneTable
-    sensor: dict[str, SensorTable] = {}
+    sensor: Annotated[dict[Kind, SensorTable], few("sensors")] = {}
     visibility: VisibilityTable = VisibilityTable()
-    variables: dict[str, Number] = {}
-    mount: Annotated[list[MountTable], _within("hold at least one mount", bool)]
+    variables: Annotated[dict[str, Number], few("variables")] = {}
+    mount: Annotated[list[MountTable], within("hold at least one mount", bool), few("mounts")]
     objective: ObjectiveTable = ObjectiveTable()
     swarm: SwarmTable = SwarmTable()
     search: SearchTable = SearchTable()

@@ -6,10 +6,8 @@ key, what it got, what is allowed.
 
 from __future__ import annotations
 
-import glob
-import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,9 +16,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from glvis.errors import StudyError
-from glvis.inputs.complaints import first_error
+from glvis.inputs.complaints import first_error, shortened
 from glvis.inputs.expressions import nearest
+from glvis.inputs.files import MOST_TOML, read_text, toml_tables
 from glvis.inputs.lengths import with_plain_lengths
+from glvis.inputs.meshpaths import check_names, mesh_paths
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.pieces import cut_models
@@ -32,9 +32,9 @@ from glvis.notebook import html_table
 from glvis.optim.objective import Objective
 from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
-from glvis.sight.visibility import VisibilityOptions
+from glvis.sight.visibility import VisibilityOptions, render_resolution
 
-_NAMES_KEY = "sensors"  # of visibility.npz, beside one key a model
+_MOST_PIXELS = 1 << 26  # of an image that decides; one takes about 14 bytes a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     path = Path(path)
     with _located(f"{path}: "):
         source = _read_text(path)
-        data = _parsed(source)
+        data = toml_tables(source)
         data, changes = overridden(data, overrides)
         data = with_plain_lengths(data)
         try:
@@ -163,14 +163,15 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
             raise StudyError(first_error(error, data)) from None
         folder = path.resolve().parent
         with _located("[scene] "):
-            model_paths = list(_files(table.scene.models, folder, "models"))
-            obstacle_paths = list(_files(table.scene.obstacles, folder, "obstacles"))
-            _check_names(model_paths, obstacle_paths)
+            model_paths = mesh_paths(table.scene.models, folder, "models")
+            obstacle_paths = mesh_paths(table.scene.obstacles, folder, "obstacles")
+            check_names(model_paths, obstacle_paths)
         sensors = _sensors(table)
         up = table.up or UPS[own_up(model_paths)]
         rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], up)
         with _located("[visibility] "):
             visibility = table.visibility.to_options()
+            _check_pixels(visibility, sensors, rig.sensor_kinds)
         with _located("[objective] "):
             objective = table.objective.to_objective()
         swarm, search = _swarm(table), _search(table)
@@ -222,23 +223,13 @@ def _located(where: str) -> Iterator[None]:
 def _read_text(path: Path) -> str:
     """Return the text of the study file, or say in one phrase why there is none."""
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path, 4 * MOST_TOML)
     except FileNotFoundError:
         raise StudyError("does not exist") from None
     except UnicodeDecodeError as error:
         raise StudyError(f"is no text in UTF-8 (byte {error.start})") from None
     except OSError as error:
         raise StudyError(f"cannot be read: {error.strerror}") from None
-
-
-def _parsed(source: str) -> dict[str, Any]:
-    """Return the tables of TOML text."""
-    try:
-        return tomllib.loads(source)
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"is no TOML: {error}") from None
-    except RecursionError:
-        raise StudyError("is no TOML: nested too deeply") from None
 
 
 def _names(data: Mapping[str, Any], key: str) -> bool:
@@ -251,15 +242,15 @@ def _sensors(table: StudyTable) -> dict[str, Sensor]:
     """Return the sensors that the mounts name: the file's own go before the catalogue's."""
     known = catalogue(table.unit)
     for name, own in table.sensor.items():
-        with _located(f"[sensor.{name}] "):
+        with _located(f"[sensor.{shortened(name)}] "):
             known[name] = own.to_sensor(name)
     for mount in table.mount:
         if mount.sensor not in known:
             # with other digits it is another product: d415 is no slip of d435
             like = [name for name in known if _digits(name) == _digits(mount.sensor)]
             raise StudyError(
-                f"[[mount]] '{mount.name}' sensor = '{mount.sensor}' is unknown"
-                f"{nearest(mount.sensor, like)}; known are {', '.join(known)}; "
+                f"[[mount]] '{shortened(mount.name)}' sensor = '{shortened(mount.sensor)}' is "
+                f"unknown{nearest(mount.sensor, like)}; known are {shortened(', '.join(known))}; "
                 "any other needs a table [sensor.NAME]"
             )
     return known
@@ -267,6 +258,19 @@ def _sensors(table: StudyTable) -> dict[str, Sensor]:
 
 def _digits(name: str) -> str:
     return "".join(filter(str.isdigit, name))
+
+
+def _check_pixels(
+    options: VisibilityOptions, sensors: Mapping[str, Sensor], kinds: Sequence[str]
+) -> None:
+    """Refuse images that decide and are larger than memory and patience are."""
+    for kind in dict.fromkeys(kinds):
+        width, height = render_resolution(options, sensors[kind]) or (1, 1)
+        if width * height > _MOST_PIXELS:
+            raise StudyError(
+                f"resolution: '{shortened(kind)}' would be drawn with {width} x {height} pixels, "
+                f"more than {_MOST_PIXELS:,} in all; choose 'auto' or a smaller [width, height]"
+            )
 
 
 def _swarm(table: StudyTable) -> SwarmOptions:
@@ -283,40 +287,6 @@ def _search(table: StudyTable) -> SearchOptions:
         return table.search_options()
     except ValueError as error:
         raise StudyError(f"[search] {str(error).removeprefix('search.')}") from error
-
-
-def _files(patterns: Iterable[str], folder: Path, key: str) -> Iterator[Path]:
-    """Yield the absolute paths of meshes; a glob's files come sorted by name."""
-    for pattern in patterns:
-        plain = folder / pattern
-        if plain.is_file() or not glob.has_magic(pattern):
-            yield plain
-            continue
-        # Path.glob would refuse absolute patterns.
-        found = sorted(glob.glob(pattern, root_dir=folder, recursive=True))  # noqa: PTH207
-        if not found:
-            raise StudyError(f"{key} = '{pattern}' matches no file in {folder}")
-        yield from (folder / name for name in found)
-
-
-def _check_names(models: Sequence[Path], obstacles: Sequence[Path]) -> None:
-    """Refuse models that results could not tell apart, and models in their own way."""
-    files = Counter(file.resolve() for file in models)
-    stems: dict[str, Path] = {}
-    for file in models:
-        if files[file.resolve()] > 1:
-            raise StudyError(f"models: {file.name} is there twice")
-        other = stems.setdefault(file.stem, file)
-        if other is not file:
-            raise StudyError(
-                f"models: {other} and {file} have the same name '{file.stem}', "
-                "by which results are filed; rename one"
-            )
-        if file.stem == _NAMES_KEY:
-            raise StudyError(f"models: a model cannot be called '{_NAMES_KEY}'; rename {file.name}")
-    for file in obstacles:
-        if file.resolve() in files:
-            raise StudyError(f"{file.name} is both a model and an obstacle")
 
 
 def _flipped(models: Sequence[Model], flip: bool | Sequence[str]) -> tuple[Model, ...]:

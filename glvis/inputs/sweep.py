@@ -7,19 +7,22 @@ of them are read before the first one starts.
 from __future__ import annotations
 
 import itertools
-import tomllib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from glvis.errors import StudyError
+from glvis.inputs.complaints import as_toml, shortened
 from glvis.inputs.estimate import run_maps
+from glvis.inputs.files import toml_tables
 from glvis.inputs.overrides import toml_text, toml_value
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study, load_study
 
 _SEED = "swarm.seed"
+_MOST_RUNS = 1000  # whose studies are read in seconds; as many searches take days
 _FILES = {"scene.models", "scene.obstacles"}
 _LENGTHS = ("min_distance", "max_distance", "radius", "height")  # keys in the study's unit
 
@@ -146,6 +149,12 @@ def plan_runs(
         raise StudyError(
             f"{study.path}: [sweep] {_SEED}: repeats have seeds of their own; take one of the two"
         )
+    planned = repeats * math.prod(len(values) for values in sweep.values())
+    if planned > _MOST_RUNS:
+        raise StudyError(
+            f"{study.path}: [sweep] asks for {planned:,} runs, at most {_MOST_RUNS:,} can be "
+            "planned at once; sweep fewer values, or one part after the other"
+        )
     points = tuple(_points(study, overrides, sweep))
     if repeats > 1 and not all(point.variables for point in points):
         raise StudyError(
@@ -193,7 +202,7 @@ def _points(
             except StudyError as error:
                 fact = str(error).removeprefix(f"{study.path}: ")
                 raise StudyError(
-                    f"{study.path}: [sweep] with {label_of(values)}: {fact}"
+                    f"{study.path}: [sweep] with {shortened(label_of(values), 200)}: {fact}"
                 ) from error
         yield Point(
             values,
@@ -211,14 +220,17 @@ def _lists(table: Mapping[str, Any], where: str) -> dict[str, list[Any]]:
     found = dict(_leaves(table))
     for key, values in found.items():
         if not isinstance(values, list):
-            fact = f"{toml_text(values)} must be a list of values, as [{toml_text(values)}, ...]"
+            value = shortened(toml_text(values))
+            fact = f"{value} must be a list of values, as [{value}, ...]"
         elif not values:
             fact = "[] must hold at least one value"
+        elif len(values) > _MOST_RUNS:
+            fact = f"{toml_text(values[:3])[:-1]}, ...] must hold at most {_MOST_RUNS} values"
         elif twice := [value for k, value in enumerate(values) if value in values[:k]]:
-            fact = f"{toml_text(values)} holds {toml_text(twice[0])} twice"
+            fact = f"{as_toml(values)} holds {shortened(toml_text(twice[0]))} twice"
         else:
             continue
-        raise StudyError(f"{where} {key} = {fact}")
+        raise StudyError(f"{where} {shortened(key)} = {fact}")
     return found
 
 
@@ -247,10 +259,10 @@ def _from_option(text: str) -> tuple[str, list[Any]]:
     """Return key and values of "mounts=2,3,4" or "objective.kind=of1,of2"."""
     key, equals, listed = text.partition("=")
     if not equals or not listed.strip():
-        raise StudyError(f"--sweep '{text}' must have the form KEY=VALUE,VALUE,...")
+        raise StudyError(f"--sweep '{shortened(text)}' must have the form KEY=VALUE,VALUE,...")
     try:
-        values = tomllib.loads(f"values = [{listed}]")["values"]
-    except tomllib.TOMLDecodeError:
+        values = toml_tables(f"values = [{listed}]")["values"]
+    except ValueError:
         values = [toml_value(part) for part in listed.split(",")]
     if len(values) == 1 and isinstance(values[0], list):
         values = values[0]  # somebody wrote the brackets of the file

@@ -9,8 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tomllib
-import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,9 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.errors import MachineError, StudyError
+from glvis.inputs.complaints import as_toml, shortened
+from glvis.inputs.files import json_value, read_npz, toml_tables
 from glvis.inputs.study import Study
+from glvis.optim.evaluator import POSE_BYTES
+from glvis.optim.states import Head, check_inside, check_search, check_trace, checked
 
 VERSION = 2
+_MOST_BYTES = 1 << 29  # that are read; a search of many variables keeps some megabytes
 _SEARCH = "search."  # before the names of the search's own arrays
 # What may change without another search: words for people, and where the meshes lie (they are
 # compared themselves).
@@ -107,48 +110,66 @@ def read_checkpoint(path: Path, study: Study) -> Checkpoint:
         to what.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
-        head = json.loads(str(arrays["head"]))
+        arrays = read_npz(path, _MOST_BYTES)
+        head: Any = json_value(str(arrays["head"]))
         version = head["version"]
     except FileNotFoundError:
         raise StudyError(f"{path}: there is no checkpoint to go on from") from None
     except OSError as error:
         raise StudyError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile):
+    except (KeyError, TypeError, ValueError):
         raise StudyError(f"{path}: is no checkpoint of glvis") from None
     if version != VERSION:
         raise StudyError(
-            f"{path}: is a checkpoint of version {version}; this glvis reads version {VERSION}"
+            f"{path}: is a checkpoint of version {as_toml(version)}; this glvis reads version "
+            f"{VERSION}"
         )
-    change = next(_changes(head["identity"], identity_of(study)), None)
-    if change:
-        raise StudyError(f"{path}: the study has changed since: {change}")
-    search = {
-        name.removeprefix(_SEARCH): array
-        for name, array in arrays.items()
-        if name.startswith(_SEARCH)
-    }
-    trace = arrays["trace"].tobytes()
-    return Checkpoint(head["identity"], search, arrays["known_poses"], head["run"], trace)
+    try:
+        saved = checked(Head, head)
+        change = next(_changes(head["identity"], identity_of(study)), None)
+        if change:
+            raise StudyError(f"the study has changed since: {change}")
+        search = {
+            name.removeprefix(_SEARCH): array
+            for name, array in arrays.items()
+            if name.startswith(_SEARCH)
+        }
+        trace, known_poses = (_bytes(arrays, *one) for one in (("trace", 1), ("known_poses", 2)))
+        check_search(search, study, check_trace(trace.tobytes(), saved.run))
+        if known_poses.shape[1] != POSE_BYTES:
+            raise ValueError(f"known_poses must have {POSE_BYTES} columns")
+        check_inside("start", np.array(saved.run.start), study)
+    except StudyError as error:
+        raise StudyError(f"{path}: {error}") from None
+    except ValueError as error:
+        raise StudyError(f"{path}: is a broken checkpoint: {error}") from None
+    return Checkpoint(head["identity"], search, known_poses, head["run"], trace.tobytes())
+
+
+def _bytes(arrays: Mapping[str, NDArray[Any]], name: str, ndim: int) -> NDArray[np.uint8]:
+    """Return an array of bytes with so many axes."""
+    found = arrays.get(name)
+    if found is None or found.dtype != np.uint8 or found.ndim != ndim:
+        raise ValueError(f"{name} is missing or of another type")
+    return found
 
 
 def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     """Yield in words what differs between two identities."""
-    old, new = (_flat(tomllib.loads(identity["study"])) for identity in (then, now))
+    old, new = (_flat(toml_tables(identity["study"])) for identity in (then, now))
     for key in dict.fromkeys([*old, *new]):
         before, after = old.get(key, _NOTHING), new.get(key, _NOTHING)
         if before != after and not key.startswith(_FREE):
-            yield f"{key}: {before} -> {after}"
+            yield f"{shortened(key)}: {shortened(before)} -> {shortened(after)}"
     if then["variables"] != now["variables"]:
-        names = (", ".join(identity["variables"]) for identity in (then, now))
+        names = (shortened(", ".join(identity["variables"])) for identity in (then, now))
         yield "order of variables: " + " -> ".join(names)
     if list(then["meshes"]) != list(now["meshes"]):
-        names = (", ".join(identity["meshes"]) for identity in (then, now))
+        names = (shortened(", ".join(identity["meshes"])) for identity in (then, now))
         yield "meshes: " + " -> ".join(names)
     for name, digest in then["meshes"].items():
         if now["meshes"].get(name) != digest:
-            yield f"mesh {name}: other vertices or faces than before"
+            yield f"mesh {shortened(name)}: other vertices or faces than before"
 
 
 def _flat(table: Any, above: str = "") -> dict[str, str]:
@@ -158,7 +179,7 @@ def _flat(table: Any, above: str = "") -> dict[str, str]:
     elif isinstance(table, list) and table and all(isinstance(entry, dict) for entry in table):
         entries = [(entry.get("name", place), entry) for place, entry in enumerate(table)]
     else:
-        return {above: json.dumps(table, ensure_ascii=False)}
+        return {above: json.dumps(table, ensure_ascii=False, default=str)}
     flat: dict[str, str] = {}
     for key, value in entries:
         flat |= _flat(value, f"{above}.{key}" if above else str(key))

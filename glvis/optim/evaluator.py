@@ -27,7 +27,7 @@ _ENTRY_BYTES = 400  # about what Python keeps beside the bits: key, array, links
 _MOST_POSES = 1 << 14  # kept at most: enough for any search, and their keys fit a checkpoint
 _BATCH_BYTES = 64 << 20  # of maps asked for at once, one bit a face
 _JOB_BYTES, _JOB_MAPS = 8 << 20, 128  # of maps made at once, one byte a face
-_KEY_BYTES = 16
+POSE_BYTES = 16  # of the key of a pose
 
 
 class Evaluator(Held):
@@ -169,7 +169,7 @@ class Evaluator(Held):
     def known_poses(self) -> NDArray[np.uint8]:
         """Keys of the poses whose maps are kept, (K, 16), the one not used for longest first."""
         keys = b"".join(self._cache.keys())
-        return np.frombuffer(keys, dtype=np.uint8).reshape(-1, _KEY_BYTES)
+        return np.frombuffer(keys, dtype=np.uint8).reshape(-1, POSE_BYTES)
 
     def recall(self, known_poses: NDArray[np.uint8]) -> None:
         """Count as another run did: ``known_poses`` were rendered there.
@@ -261,7 +261,7 @@ class Evaluator(Held):
 def _key(kind: str, pose: Floats) -> bytes:
     """Return what stands for a sensor at a pose."""
     text = pose.tobytes() + kind.encode()
-    return hashlib.blake2b(text, digest_size=_KEY_BYTES).digest()
+    return hashlib.blake2b(text, digest_size=POSE_BYTES).digest()
 
 
 class _PoseCache:

@@ -319,7 +319,7 @@ class ScriptSearch:
             bits = np.packbits(np.array(noted, bool).reshape(-1, learner.faces), axis=1)
         else:
             bits, self._before = self._before[: len(which)], self._before[len(which) :]
-            if len(bits) < len(which):
+            if bits.shape != (len(which), (learner.faces + 7) // 8):
                 raise _another_way()
         self._learned.append(bits)
         seen = np.unpackbits(bits, axis=1, count=learner.faces).astype(bool)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.errors import StudyError
 from glvis.inputs.study import Study
 from glvis.optim.auto import auto
 from glvis.optim.box import Box
@@ -193,11 +194,16 @@ def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray
     StudyError
         If it cannot: another version of glvis or NumPy would have searched in another way.
     """
-    if study.search.method == "swarm":
-        swarm = SwarmSearch.from_state(state)
-        swarm.most_maps = study.search.max_maps
-        return swarm
-    search = new_search(study, most_poses)
-    assert isinstance(search, ScriptSearch)
-    search.go_on(state)
-    return search
+    try:
+        if study.search.method == "swarm":
+            swarm = SwarmSearch.from_state(state)
+            swarm.most_maps = study.search.max_maps
+            return swarm
+        search = new_search(study, most_poses)
+        assert isinstance(search, ScriptSearch)
+        search.go_on(state)
+        return search
+    except StudyError:
+        raise
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise StudyError(f"the search cannot go on: its state is broken: {error}") from error
