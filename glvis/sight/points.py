@@ -65,7 +65,7 @@ class Large:
 
 # Of faces of which one of 64 points shows, "pixels" leaves out those that are smaller, or touch
 # none that shows, and show none of their points: tools/bench prints how many.
-LARGE = Large(1 / 64, 1 / 16)
+LARGE = Large(1 / 96, 1 / 16)
 
 
 @dataclass(frozen=True, eq=False)
