@@ -107,7 +107,7 @@ class _Teller:
         from glvis.terminal import say
 
         placement = self._search(study, checkpoint, resume)
-        kind = study.objective.kind.upper()
+        kind = study.objective.label
         say(f"{kind} = {placement.value:.6g}, {placement.stop_reason}", error=True)
         self._say(placement.warnings)
         return placement

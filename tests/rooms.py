@@ -93,6 +93,7 @@ criterion = "{criterion}"
 {mounts}
 [objective]
 kind = "of1"
+by_area = false
 
 [search]
 max_maps = 1500

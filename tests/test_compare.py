@@ -22,6 +22,7 @@ from glvis.outputs.compare import (
     Layout,
     _difference_sheet,
     comparison_lines,
+    comparison_rows,
     difference,
     difference_coloring,
     named,
@@ -169,6 +170,14 @@ def test_table_has_a_column_a_layout(layouts):
         f"{100 * np.mean([m.coverage for m in layout.placement.maps]):.2f}" for layout in layouts
     ]
     assert ["seen,", "mean", "%", *seen] in lines
+
+
+def test_values_by_area_and_by_faces_are_told_apart(layouts):
+    first = layouts[0].placement
+    study = replace(first.study, objective=replace(first.study.objective, by_area=True))
+    rows = comparison_rows([layouts[0], Layout("area", replace(first, study=study))])
+    (row,) = (row for row in rows if row[0] == "objective")
+    assert [text.split(" ", 1)[1] for text in row[1:]] == ["(OF3)", "(OF3 by area)"]
 
 
 def test_names_are_as_long_as_they_must_be_to_differ(layouts):

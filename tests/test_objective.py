@@ -213,6 +213,14 @@ def test_no_map_exceeds_the_upper_bound_and_one_attains_it(rng, kind, overlap):
     assert max(attained) == pytest.approx(bound)
 
 
+@pytest.mark.parametrize(
+    ("settings", "label"),
+    [({}, "OF1 by area"), ({"kind": "of3"}, "OF3 by area"), ({"by_area": False}, "OF1")],
+)
+def test_values_are_called_by_kind_and_by_what_weighs(settings, label):
+    assert Objective(**settings).label == label
+
+
 def test_upper_bound_of_the_arm_study_is_15_and_raw_counts_have_none():
     assert paper().upper_bound == 3 + 2 + 10
     assert paper(kind="of2").upper_bound == 10

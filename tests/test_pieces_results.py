@@ -25,7 +25,7 @@ from glvis.outputs.tolerance import worth
 
 # The cube's twelve faces are cut, what the other model is made of is small.
 CUT = SMALL.replace('max_edge = "off"', "max_edge = 0.3").replace("small.off", "ball.off")
-CUT += "[search]\nmethod = 'auto'\nmax_maps = 300\n"
+CUT = CUT.replace('method = "swarm"', 'method = "auto"\nmax_maps = 300')
 
 
 @pytest.fixture(scope="module")

@@ -41,12 +41,10 @@ def test_help_tells_of_the_public_names():
 
 
 def test_words_are_short(study, placement):
-    assert repr(study) == (
-        f"Study('{HOSTILE}', 2 models, 0 obstacles, 3 sensors, 1 variable, OF3 by faces)"
-    )
+    assert repr(study) == (f"Study('{HOSTILE}', 2 models, 0 obstacles, 3 sensors, 1 variable, OF3)")
     share = 100 * sum(found.coverage for found in placement.maps) / 2
     assert repr(placement) == (
-        f"Placement(OF3 by faces = {placement.value:.4g}, {share:.1f} % of the faces seen, "
+        f"Placement(OF3 = {placement.value:.4g}, {share:.1f} % of the faces seen, "
         "3 sensors, finished: all 2 iterations done)"
     )
     eye = "Sensor('eye', 60 x 40 deg, 96 x 64 pixels, 0 to 12, incidence up to 90 deg)"

@@ -103,7 +103,7 @@ def write_views(
             paths[-1],
             trace,
             title=study.title or "Search",
-            quantity=f"objective {objective.kind.upper()}{over}",
+            quantity=f"objective {objective.label}{over}",
             start_value=start_value,
             upper_bound=objective.upper_bound,
             size=size,

@@ -211,7 +211,7 @@ def _points(
             len(one.variables),
             run_maps(one) if one.variables else len(one.sensors) * len(one.models),
             one.swarm.seed,
-            one.objective.kind.upper(),
+            one.objective.label,
         )
 
 

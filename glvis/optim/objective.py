@@ -73,8 +73,8 @@ class Objective:
 
     @property
     def label(self) -> str:
-        """What it is called: "OF1 by area"."""
-        return f"{self.kind.upper()} by {'area' if self.by_area else 'faces'}"
+        """What its value is called: "OF3" as in the paper, "OF1 by area"."""
+        return self.kind.upper() + (" by area" if self.by_area else "")
 
     @property
     def is_share(self) -> bool:

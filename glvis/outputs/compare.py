@@ -120,7 +120,7 @@ def comparison_rows(layouts: Sequence[Layout]) -> list[list[str]]:
         for study, placement in zip(studies, placements, strict=True)
     ]
     means = [mean_row(rows) for rows in models]
-    kinds = [study.objective.kind.upper() for study in studies]
+    kinds = [study.objective.label for study in studies]
     label = kinds[0] if len(set(kinds)) == 1 else "objective"
     rows = [["sensors", *(str(len(study.sensors)) for study in studies)]]
     rows.append(

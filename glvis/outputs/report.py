@@ -104,7 +104,7 @@ def _trace(placement: Placement) -> PageTrace | None:
 
 def _facts(placement: Placement) -> list[tuple[str, str]]:
     study, gl = placement.study, placement.gl
-    facts = [("Objective", f"{study.objective.kind.upper()} = {placement.value:.6g}")]
+    facts = [("Objective", f"{study.objective.label} = {placement.value:.6g}")]
     if placement.trace:
         facts += [
             ("At the start", f"{placement.start_value:.6g}"),

@@ -201,7 +201,7 @@ def result_lines(placement: Placement) -> Iterator[str]:
         yield ""
     yield from _sensor_lines(placement)
     yield ""
-    kind = study.objective.kind.upper()
+    kind = study.objective.label
     if not placement.trace:
         yield f"{kind} = {placement.value:.6g}"
         return
