@@ -119,14 +119,16 @@ ARROWS = {
     " terminal",
     "starter_meshes": "",
     "starter_texts": "",
-    "starter": "camera errors scene schema sensor starter_meshes starter_texts",
+    "starter_layout": "camera scene schema sensor starter_texts units winding",
+    "starter_study": "errors scene starter_layout starter_texts units winding",
+    "starter": "errors starter_layout starter_meshes starter_study starter_texts units",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
-    " placement reach reading starter study terminal wording workers",
+    " placement reach reading starter starter_study study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",
