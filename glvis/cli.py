@@ -163,6 +163,7 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     with a table \[sweep] all its runs.
     """
     from glvis.cli_series import planned_runs
+    from glvis.inputs.checks import size_doubts
     from glvis.inputs.estimate import measured_cost
     from glvis.inputs.study import load_study
     from glvis.optim.workers import available_cores
@@ -174,7 +175,7 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     for line in study_lines(loaded):
         say(line)
     say()
-    for warning in _warnings(loaded):
+    for warning in [*size_doubts(loaded), *_warnings(loaded)]:
         say(f"Warning: {warning}")
     for line in [*cost_lines(measured_cost(loaded), available_cores()), *runs]:
         say(line)

@@ -28,7 +28,7 @@ _OWN_FOV = (60.0, 45.0)  # of a sensor made to measure, degrees
 _SMALLEST = 0.15  # radius of a part for a known sensor, of its maxD
 _FLAT = 0.35  # height of a part, of its width, below which it is looked at from above or below
 _ONE_SIDED = 0.5  # of a part's area that looks one way on balance: a sheet without a back
-_AIM = 0.25  # how far from a part's middle sensors aim, of its sides
+_AIM = 0.2  # how far from a part's middle sensors aim, of its sides
 _STANDS = 500.0  # millimetres across, from which on things stand on a floor
 _ROOM = 2000.0  # millimetres across, from which on what looks inwards is a room
 _ROOM_SENSOR, _LARGEST_ROOM = "kinect-v2", 15_000.0
@@ -208,7 +208,7 @@ def _flat_mount(model: Model, fit: Fit, k: int, sensors: int, axis: int, place: 
     """Return a sensor over a flat part, or under it in turns, where it may stand right above."""
     half = float(np.ptp(model.bounds, axis=0)[axis]) / 2
     nearest = half + max(0.7 * fit.sensor.min_distance, 0.1 * fit.distance)
-    farthest = max(fit.distance, 1.2 * nearest)
+    farthest = max(0.8 * fit.distance, 1.2 * nearest)
     level, rise = fit.distance * math.cos(_ELEVATION), fit.distance * math.sin(_ELEVATION)
     height = (nearest, farthest, min(max(rise, nearest), farthest))
     on_balance = float(model.areas @ model.normals[:, axis]) / float(model.areas.sum())
@@ -217,7 +217,7 @@ def _flat_mount(model: Model, fit: Fit, k: int, sensors: int, axis: int, place: 
         is_under = on_balance < 0
     if is_under:
         height = (-height[1], -height[0], -height[2])
-    return _on_ring(model, fit, k, sensors, axis, (0.0, 1.1 * level, level), height)
+    return _on_ring(model, fit, k, sensors, axis, (0.0, level, level), height)
 
 
 def _side_mount(model: Model, fit: Fit, k: int, axis: int, place: str) -> str:
