@@ -110,7 +110,7 @@ def _glvis(
 
 @app.command(
     epilog="Examples:  glvis init first  or for your own mesh:  glvis init first --model part.stl "
-    "--unit in --sensors 4"
+    "--unit in --sensors 4  or for a room:  glvis init watched --model hall.glb --room"
 )
 def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")],
@@ -118,9 +118,36 @@ def init(
         list[Path] | None,
         typer.Option(metavar="MESH", help="What is to be seen: STL, OBJ, PLY ... Many times."),
     ] = None,
-    unit: Annotated[str, typer.Option(help="Of the mesh's lengths: mm, cm, m, in, ft.")] = "mm",
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            help="Of the mesh's lengths: mm, cm, m, in, ft; glTF and 3MF say theirs, else mm."
+        ),
+    ] = None,
     sensors: Annotated[int | None, typer.Option(min=1, max=64, help="How many.")] = None,
-    up: Annotated[str, typer.Option(help="Axis that points up in the mesh: x, y or z.")] = "z",
+    sensor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the catalogue: d415 or kinect-v2.")
+    ] = None,
+    up: Annotated[
+        str | None,
+        typer.Option(help="Axis that points up in the mesh: x, y or z; y in glTF, else z."),
+    ] = None,
+    around: Annotated[
+        bool, typer.Option("--around", help="A part that is held: sensors on all sides.")
+    ] = False,
+    above: Annotated[
+        bool,
+        typer.Option("--above", help="It stands on a floor: no sensor below its lowest point."),
+    ] = False,
+    room: Annotated[
+        bool, typer.Option("--room", help="A room: sensors within it, 0.3 m off the walls.")
+    ] = False,
+    together: Annotated[
+        bool | None,
+        typer.Option(
+            "--together/--each", help="Several meshes are one thing, or looked at one by one."
+        ),
+    ] = None,
     example: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Without a mesh of yours: arm, kitchen or room."),
@@ -128,12 +155,20 @@ def init(
 ) -> None:
     """Write a first study: commented, and it runs as it is.
 
-    Bounds, ranges and start follow from the size of the mesh.
+    Bounds, ranges and start follow from the size of the mesh. What is not given is guessed, and
+    what was guessed is said.
     """
     from glvis.inputs.starter import next_commands, write_starter
+    from glvis.inputs.starter_study import Choices
     from glvis.terminal import say
 
-    path = write_starter(directory, model or (), example=example, unit=unit, sensors=sensors, up=up)
+    wanted = {"around": around, "above": above, "room": room}
+    places = [name for name, is_wanted in wanted.items() if is_wanted]
+    if len(places) > 1:
+        raise StudyError(f"--{places[0]} and --{places[1]} exclude each other")
+    place = places[0] if places else None
+    choices = Choices(unit, sensors, sensor, up, place, together)
+    path = write_starter(directory, model or (), example=example, choices=choices, on_remark=say)
     say(f"Wrote {path}. Next:")
     for command in next_commands(path):
         say(f"  {command}", to_paste=True)
@@ -148,6 +183,7 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     with a table \[sweep] all its runs.
     """
     from glvis.cli_series import planned_runs
+    from glvis.inputs.checks import size_doubts
     from glvis.inputs.estimate import measured_cost
     from glvis.inputs.study import load_study
     from glvis.optim.workers import available_cores
@@ -159,7 +195,7 @@ def check(study: StudyFile, overrides: Set = None) -> None:
     for line in study_lines(loaded):
         say(line)
     say()
-    for warning in _warnings(loaded):
+    for warning in [*size_doubts(loaded), *_warnings(loaded)]:
         say(f"Warning: {warning}")
     for line in [*cost_lines(measured_cost(loaded), available_cores()), *runs]:
         say(line)

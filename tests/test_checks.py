@@ -7,7 +7,9 @@ import shapes
 from shapes import cube, flipped, icosphere, merged, moved
 from test_study import off
 
-from glvis.inputs.checks import study_warnings
+from glvis.inputs.checks import size_doubts, study_warnings
+from glvis.inputs.starter import write_starter
+from glvis.inputs.starter_study import Choices
 from glvis.inputs.study import load_study
 
 RING = """\
@@ -179,6 +181,20 @@ def test_what_is_wrong_with_many_models_is_said_once(warnings_of):
 )
 def test_a_model_in_another_unit_is_told(warnings_of, scale, message):
     assert message in warnings_of(cube(100.0), scale=scale)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "remedy"), [("a.off", "mm", "unit = 'm'"), ("a.3mf", "mm", "scale = 1000")]
+)
+def test_a_size_is_doubted_even_where_sensors_are_made_to_measure(tmp_path, name, unit, remedy):
+    write = {".off": shapes.write_off, ".3mf": shapes.write_3mf}
+    write[(tmp_path / name).suffix](tmp_path / name, cube(0.3))
+    write_starter(tmp_path / "s", [tmp_path / name], choices=Choices(unit=unit))
+    study = load_study(tmp_path / "s" / "study.toml")
+    assert size_doubts(study) == [
+        f"a: is 0.52 mm across; are these metres (520 mm)? {'[scene] ' * (name != 'a.off')}{remedy}"
+    ]
+    assert study_warnings(study) == []
 
 
 def test_a_model_beyond_every_range_is_told(warnings_of):

@@ -114,9 +114,15 @@ def test_check_says_what_is_in_a_study(glvis_cli, study):
     assert "eye: 60 x 40 deg, 96 x 64 pixels, 0 to 12 mm" in out
     assert "3 of them: A, B, C" in out
     assert "One evaluation (6 maps): " in out
-    assert "A full run of 72 maps: at most " in out
+    assert "A full run of 72 maps: an estimated " in out
+    assert "to sample what is within reach" in out
     assert "OpenGL: " in out
-    assert "Warning" not in out
+    (warning,) = (line for line in out.splitlines() if "Warning" in line)
+    assert warning == (
+        "Warning: cube: is 1.73 mm across; are these metres (1.73 m) or inches (44 mm)? "
+        "unit = 'm' or 'in' (likewise small: 2 models)"
+    )
+    assert "Warning" not in glvis_cli("check", study, "--set", "unit=m")[1]
 
 
 def test_check_warns_of_what_will_disappoint(glvis_cli, study):

@@ -89,7 +89,7 @@ ARROWS = {
     "folder": "errors hints",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
-    "estimate": "context evaluator pieces scene search_options sensor study",
+    "estimate": "context evaluator pieces scene search_options sensor study search",
     "sweep": "complaints errors estimate files overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility",
@@ -119,7 +119,7 @@ ARROWS = {
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
-    " within_reach",
+    " within_reach checks",
     "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
@@ -129,14 +129,17 @@ ARROWS = {
     " tables terminal",
     "starter_meshes": "",
     "starter_texts": "",
-    "starter": "camera errors hints scene schema sensor starter_meshes starter_texts",
+    "starter_layout": "camera scene schema sensor starter_texts units winding",
+    "starter_study": "errors scene starter_layout starter_texts units winding",
+    "starter": "errors hints starter_meshes starter_texts starter_layout starter_study units",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
-    " files folder given_poses keys placement reach reading starter study terminal wording workers",
+    " files folder given_poses keys placement reach reading starter study terminal wording workers"
+    " starter_study",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement reading result",

@@ -12,8 +12,10 @@ from glvis.cli import main
 from glvis.errors import StudyError
 from glvis.inputs.checks import study_warnings
 from glvis.inputs.scene import Model, load_model
-from glvis.inputs.starter import EXAMPLES, fitting_sensor, write_starter
+from glvis.inputs.starter import EXAMPLES, write_starter
+from glvis.inputs.starter_layout import fitting_sensor
 from glvis.inputs.starter_meshes import arm, box, room
+from glvis.inputs.starter_study import Choices
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
 from glvis.outputs.folder import files_below
@@ -43,7 +45,7 @@ def test_an_arm_is_made_where_nothing_is_asked_for(tmp_path):
 def test_study_of_a_ball_of_any_size_sees_it_from_all_sides(tmp_path, unit, radius):
     ball = shapes.icosphere(2, radius, center=(3 * radius, 0, radius))
     shapes.write_off(tmp_path / "ball.off", ball)
-    path = write_starter(tmp_path, [tmp_path / "ball.off"], unit=unit, sensors=4)
+    path = write_starter(tmp_path, [tmp_path / "ball.off"], choices=Choices(unit=unit, sensors=4))
     study = load_study(path)
     assert study.unit == unit
     assert study_warnings(study) == []
@@ -59,7 +61,9 @@ def test_study_of_a_ball_of_any_size_sees_it_from_all_sides(tmp_path, unit, radi
 @pytest.mark.parametrize("sensors", [1, 2, 7])
 def test_sensors_stand_about_the_axis_that_is_up(tmp_path, up, sensors):
     shapes.write_off(tmp_path / "part.off", shapes.cube(100.0, center=(10, 20, 30)))
-    study = load_study(write_starter(tmp_path, [tmp_path / "part.off"], up=up, sensors=sensors))
+    study = load_study(
+        write_starter(tmp_path, [tmp_path / "part.off"], choices=Choices(up=up, sensors=sensors))
+    )
     assert len(study.sensors) == sensors
     assert study.up["xyz".index(up)] == 1
     poses = study.rig.poses(study.rig.start)
@@ -74,7 +78,10 @@ def test_sensors_stand_about_the_axis_that_is_up(tmp_path, up, sensors):
 def test_a_flat_part_has_nothing_to_aim_along(tmp_path):
     shapes.write_off(tmp_path / "plate.off", shapes.plate(100.0, cells=(4, 4)))
     study = load_study(write_starter(tmp_path, [tmp_path / "plate.off"]))
-    assert not any("aim" in variable.name for variable in study.variables)
+    aims = {variable.name for variable in study.variables if ".aim" in variable.name}
+    assert aims == {f"S{k}.aim[{axis}]" for k in range(1, 5) for axis in (0, 1)}
+    # nobody stands behind a sheet that has one side
+    assert (study.rig.poses(study.rig.start)[:, 2, 3] > 0).all()
 
 
 @pytest.mark.parametrize(
@@ -86,7 +93,8 @@ def test_a_flat_part_has_nothing_to_aim_along(tmp_path):
     ],
 )  # fmt: skip
 def test_sensor_has_the_whole_part_in_view_and_range(radius, unit, name):
-    sensor, distance = fitting_sensor(radius, unit)
+    fit = fitting_sensor(radius, unit)
+    sensor, distance = fit.sensor, fit.distance
     assert sensor.name == name
     assert sensor.min_distance <= distance - radius * 0.999
     assert distance + radius <= sensor.max_distance
@@ -132,7 +140,8 @@ def test_several_models_are_all_in_range(tmp_path):
 def test_wrong_choice_is_refused(tmp_path, options, message):
     models = [Path(name) for name in options.pop("models", [])]
     with pytest.raises(StudyError, match=message):
-        write_starter(tmp_path / "study", models, **options)
+        example = options.pop("example", None)
+        write_starter(tmp_path / "study", models, example=example, choices=Choices(**options))
     assert not (tmp_path / "study").exists()
 
 

@@ -88,7 +88,8 @@ def test_unit_of_a_broken_3mf_is_left_to_its_reader(tmp_path, content):
 @pytest.mark.parametrize(
     ("size", "unit", "guess"),
     [
-        (5.76, "mm", ["m", "in"]),  # a CAD part of 146 mm in inches, or a truck in metres
+        (5.76, "mm", ["in", "m"]),  # a CAD part of 146 mm in inches, or a truck in metres
+        (2.1, "mm", ["m", "in"]),
         (0.55, "mm", ["m"]),  # a robot's link
         (0.066, "mm", ["m"]),  # a connector
         (300.0, "m", ["in", "mm"]),  # an arm
@@ -101,5 +102,6 @@ def test_units_that_a_size_makes_more_likely(size, unit, guess):
 
 
 def test_the_guess_is_a_question_with_sizes():
-    assert guess_words(5.76, ["m", "in"]) == "are these metres (5.76 m) or inches (146 mm)?"
+    assert guess_words(5.76, ["in", "m"]) == "are these inches (146 mm) or metres (5.76 m)?"
+    assert guess_words(0.9997, ["m"]) == "are these metres (1 m)?"
     assert guess_words(0.55, ["m"]) == "are these metres (550 mm)?"

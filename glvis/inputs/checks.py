@@ -67,6 +67,21 @@ def study_warnings(study: Study) -> list[str]:
     return [*said_once(found), *_blind(poses, study), *_misplaced(poses, study)]
 
 
+def size_doubts(study: Study) -> list[str]:
+    """Return the models whose size makes another unit likelier, one sentence of all.
+
+    Sensors that were made to measure fit whatever the unit is: only the size can tell.
+    """
+    found: list[Told] = []
+    for model in study.models:
+        size = float(np.linalg.norm(model.bounds[1] - model.bounds[0]))
+        guess = unit_guess(size, study.unit)
+        words = f"is {size:.3g} {study.unit} across; {guess_words(size, guess)}"
+        if guess and _is_in_reach(size, study):  # else ``study_warnings`` says so
+            found += _told("size", model, f"{words} {_remedy(model, guess, study.unit)}")
+    return said_once(found)
+
+
 def said_once(found: Sequence[Told]) -> list[str]:
     """Return sentences of models, each kind once: that of the first, and the others' names."""
     kinds: dict[str, list[Told]] = {}
@@ -143,19 +158,17 @@ def _counted(model: Model, study: Study) -> str:
 
 def _distance(model: Model, poses: Array, study: Study) -> str:
     """Return what in the size or distance of a model speaks for another unit, or ""."""
-    reach = max(sensor.max_distance for sensor in study.sensors)
     size = float(np.linalg.norm(model.bounds[1] - model.bounds[0]))
     guess = unit_guess(size, study.unit)
     doubt = f"is unit = '{study.unit}' right?"
     if guess:
         doubt = f"{guess_words(size, guess)} {_remedy(model, guess, study.unit)}"
-    if not _TINY * reach <= size <= _HUGE * reach:
+    if not _is_in_reach(size, study):
+        reach = max(sensor.max_distance for sensor in study.sensors)
         return (
             f"is {size:.3g} {study.unit} across, the sensors reach {reach:.3g} {study.unit}; "
             f"{doubt}"
         )
-    if guess:
-        return f"is {size:.3g} {study.unit} across; {doubt}"
     points = model.vertices[:: -(-len(model.vertices) // _SAMPLE)]
     depths = np.stack([-_in_camera(points, pose)[:, 2] for pose in poses])
     nearest = np.array([sensor.min_distance for sensor in study.sensors])
@@ -171,6 +184,12 @@ def _distance(model: Model, poses: Array, study: Study) -> str:
             f"(largest depth {depths.max():.4g} {study.unit}); {doubt}"
         )
     return ""
+
+
+def _is_in_reach(size: float, study: Study) -> bool:
+    """Return whether a model of some size is about as large as the sensors see far."""
+    reach = max(sensor.max_distance for sensor in study.sensors)
+    return _TINY * reach <= size <= _HUGE * reach
 
 
 def _remedy(model: Model, guess: Sequence[str], unit: str) -> str:

@@ -15,7 +15,7 @@ from glvis.inputs.files import is_one_line, is_unicode, printable
 _MOST_LOOKED_AT = 100_000  # files and folders that patterns of a study may lead through
 _MAGIC = frozenset("*?[")
 _ANY_DEPTH = "**"
-_NAMES_KEY = "sensors"  # of visibility.npz, beside one key a model
+NAMES_KEY = "sensors"  # of visibility.npz, beside one key a model
 
 
 def mesh_paths(patterns: Sequence[str], folder: Path, key: str) -> list[Path]:
@@ -83,8 +83,8 @@ def check_names(models: Sequence[Path], obstacles: Sequence[Path]) -> None:
                 f"models: {other} and {file} have the same name '{file.stem}', "
                 "by which results are filed; rename one"
             )
-        if file.stem == _NAMES_KEY:
-            raise StudyError(f"models: a model cannot be called '{_NAMES_KEY}'; rename {file.name}")
+        if file.stem == NAMES_KEY:
+            raise StudyError(f"models: a model cannot be called '{NAMES_KEY}'; rename {file.name}")
     for file in obstacles:
         if real[file] in files:
             raise StudyError(f"{file.name} is both a model and an obstacle")

@@ -140,7 +140,8 @@ def cut(model: Model, max_edge: float, most: int = _MOST_PIECES) -> Model:
     ordered, owner = np.concatenate(parts)[order], owner[order]
     for array in (vertices, ordered, owner):
         array.flags.writeable = False
-    return Model(model.name, vertices, ordered, model.path, Pieces(model, owner, max_edge))
+    pieces = Pieces(model, owner, max_edge)
+    return Model(model.name, vertices, ordered, model.path, pieces, model.parts)
 
 
 def view_side(model: Model, sensor: Sensor) -> float:

@@ -7,7 +7,7 @@ that talks to trimesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -59,6 +59,8 @@ class Model:
         Indices into ``vertices``, in the order of the file. Faces without area are kept.
     pieces : Pieces or None
         Where the faces come from, if they are not those of the file.
+    parts : tuple of Path
+        Files whose faces follow each other in this model, where they are several.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Model:
     faces: NDArray[np.int32] = field(repr=False)
     path: Path | None = None
     pieces: Pieces | None = field(default=None, repr=False)
+    parts: tuple[Path, ...] = field(default=(), repr=False)
 
     @classmethod
     def from_arrays(
@@ -122,7 +125,8 @@ class Model:
 
     def flipped(self) -> Model:
         """Return the model with all normals the other way, faces in the same order and uncut."""
-        return Model(self.name, self.vertices, _read_only(self.faces[:, [0, 2, 1]]), self.path)
+        faces = _read_only(self.faces[:, [0, 2, 1]])
+        return Model(self.name, self.vertices, faces, self.path, parts=self.parts)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what other processes are sent; what follows from it they work out themselves."""
@@ -231,6 +235,19 @@ class Model:
     def is_consistent(self) -> bool:
         """Whether no edge is walked twice in the same direction, so that normals agree."""
         return self.inconsistent_edges == 0
+
+
+def joined(name: str, models: Sequence[Model]) -> Model:
+    """Return models as one, each where it is, faces in their order."""
+    starts = np.cumsum([0, *(len(model.vertices) for model in models[:-1])])
+    return Model(
+        name,
+        _read_only(np.concatenate([model.vertices for model in models])),
+        _read_only(
+            np.concatenate([m.faces + np.int32(n) for m, n in zip(models, starts, strict=True)])
+        ),
+        parts=tuple(model.path for model in models if model.path),
+    )
 
 
 def load_model(path: str | Path, scale: float = 1.0) -> Model:

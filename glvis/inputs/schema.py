@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 from pydantic import (
@@ -54,6 +55,7 @@ from glvis.sight.visibility import VisibilityOptions
 
 _RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
 _EDGES = "be 'auto', 'off' or a length greater than 0"
+_NAME = re.compile(r"\w[\w.+ -]*")  # that files of a result can have
 
 
 class Table(BaseModel):
@@ -125,6 +127,7 @@ class SceneTable(Table):
 
     models: Annotated[Names, within("name at least one mesh", bool)]
     obstacles: Names = []
+    assembly: Annotated[str, within("be a name of letters and digits", _NAME.fullmatch)] = ""
     scale: Positive | None = None  # from the unit of the file, where it says one
     flip: Annotated[
         Annotated[bool, Tag("<bool>")] | Annotated[Names, Tag("<names>")],

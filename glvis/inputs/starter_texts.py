@@ -8,6 +8,13 @@ kind = "of1"                   # the share of faces that at least one sensor see
 # kind = "of3"                 # counts overlap too: faces seen by two or three are worth most
 # aggregate = "min"            # over several models: the worst one instead of the mean
 """
+AREA_TEXT = """\
+[objective]
+kind = "of1"                   # the share that at least one sensor sees
+by_area = true                 # of the surface; false: of the number of faces
+# kind = "of3"                 # counts overlap too: what two or three see is worth most
+# aggregate = "min"            # over several models: the worst one instead of the mean
+"""
 OVERLAP_TEXT = """\
 [objective]
 kind = "of3"                   # counts overlap too: faces seen by two or three are worth most
@@ -30,7 +37,7 @@ def search_table(sensors: int, models: int = 1) -> str:
     return _SEARCH.format(max_maps=_MAPS_A_SENSOR * sensors * models)
 
 
-PART_TEXT = """\
+MESH_TEXT = """\
 # Made by 'glvis init' from the size of the mesh. It runs as it is; change what is not so.
 #
 #   glvis check study.toml     says what is in it and how long a run takes
@@ -41,22 +48,48 @@ up = {up}                 # what an image without roll shows upright
 
 [scene]
 models = [{models}]
-# {across} {unit} in all; several models are looked at one by one.
+{several}# {across} {unit} in all.
 # max_edge = "off"             # large faces are cut into pieces ("auto"), or at a length of yours
+# flip = true                  # turns the normals of a mesh that is inside out
 # obstacles = ["table.stl"]    # hide what lies behind them, are never counted
 
 {sensor}
 # A number stands for itself; {{ min, max, start }} is free for the search, within its bounds.
-# Each sensor stands on a ring about the part, in its own sector, and aims at the part's middle.
+{where}
 {mounts}
 {search}"""
+WHERE_TEXTS = {
+    "around": """\
+# Sensors may stand anywhere about the part, outside of its box, and aim near its middle.
+# Does it stand on a floor? glvis init --above. Is it a room? glvis init --room.""",
+    "above": """\
+# It stands on a floor, its lowest vertex: sensors may stand anywhere about it and above that,
+# outside of its box, and aim near its middle. Is it held? glvis init --around. A room? --room.""",
+    "room": """\
+# A room, seen from within: sensors may stand anywhere in it, off the walls and in the upper part,
+# and aim at anything in it. Is it a thing to be seen from outside? glvis init --above.""",
+}
 
-PART_MOUNT_TEXT = """\
+RING_MOUNT_TEXT = """\
 [[mount]]
 name = "{name}"
 sensor = "{sensor}"
-ring = {{ axis = "{axis}", radius = {radius}, angle_deg = {{ {turn} }}, \
-height = {{ min = {low}, max = {high}, start = {height} }}, centre = [{centre}] }}
+aim = [{aim}]
+[mount.ring]
+axis = "{axis}"
+radius = {radius}
+angle_deg = {{ min = 0, max = 360, start = {angle}, periodic = true }}
+height = {height}
+centre = [{centre}]
+"""
+
+BOX_MOUNT_TEXT = """\
+[[mount]]
+name = "{name}"
+sensor = "{sensor}"
+position = [
+  {position},
+]
 aim = [{aim}]
 """
 

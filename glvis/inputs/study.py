@@ -20,11 +20,11 @@ from glvis.inputs.complaints import first_error, shortened
 from glvis.inputs.expressions import nearest
 from glvis.inputs.files import MOST_TOML, read_text, toml_tables
 from glvis.inputs.lengths import with_plain_lengths
-from glvis.inputs.meshpaths import check_names, mesh_paths
+from glvis.inputs.meshpaths import NAMES_KEY, check_names, mesh_paths
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.pieces import cut_models
-from glvis.inputs.scene import Model, load_model
+from glvis.inputs.scene import Model, joined, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.units import UPS, own_scale, own_up
@@ -166,6 +166,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
             model_paths = mesh_paths(table.scene.models, folder, "models")
             obstacle_paths = mesh_paths(table.scene.obstacles, folder, "obstacles")
             check_names(model_paths, obstacle_paths)
+            if table.scene.assembly == NAMES_KEY:
+                raise StudyError(f"assembly: a model cannot be called '{NAMES_KEY}'")
         sensors = _sensors(table)
         up = table.up or UPS[own_up(model_paths)]
         rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], up)
@@ -179,6 +181,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         obstacles = tuple(_model(file, table) for file in obstacle_paths)
         with _located("[scene] flip: "):
             models = _flipped(models, table.scene.flip)
+        if table.scene.assembly:
+            models = (joined(table.scene.assembly, models),)
         looking = [sensors[kind] for kind in dict.fromkeys(rig.sensor_kinds)]
         with _located("[scene] "):
             models = cut_models(models, table.scene.max_edge, looking, visibility)

@@ -24,6 +24,7 @@ _HEAD = 1 << 16  # bytes of a 3MF's model in which its first element stands
 # doubt, inside of the second another one is worth naming.
 _PLAUSIBLE = (10.0, 100e3)
 _LIKELY = (30.0, 30e3)
+_MANY_METRES = 3.0
 _LIKELY_UNITS = {"m": "metres", "in": "inches", "mm": "millimetres"}
 
 
@@ -50,7 +51,7 @@ def own_up(paths: Sequence[Path]) -> str:
 
 
 def unit_guess(size: float, unit: str) -> list[str]:
-    """Return units that a size makes more likely than its own; none where nothing is odd.
+    """Return units that a size makes more likely than its own, likeliest first; none if not odd.
 
     Parameters
     ----------
@@ -63,7 +64,9 @@ def unit_guess(size: float, unit: str) -> list[str]:
     if least <= size * MM_PER_UNIT[unit] <= most:
         return []
     least, most = _LIKELY
-    return [other for other in _LIKELY_UNITS if least <= size * MM_PER_UNIT[other] <= most]
+    found = [other for other in _LIKELY_UNITS if least <= size * MM_PER_UNIT[other] <= most]
+    # five inches are a usual part; a thing of five metres seldom comes as STL
+    return sorted(found, key="in".__ne__) if size >= _MANY_METRES else found
 
 
 def guess_words(size: float, guess: Sequence[str]) -> str:
@@ -72,9 +75,14 @@ def guess_words(size: float, guess: Sequence[str]) -> str:
     return f"are these {' or '.join(told)}?"
 
 
+def unit_words(unit: str) -> str:
+    """Return a unit that a guess may name in full: "metres"."""
+    return _LIKELY_UNITS[unit]
+
+
 def _length(millimetres: float) -> str:
     metres = millimetres / 1000
-    return f"{metres:.3g} m" if metres >= 1 else f"{millimetres:.3g} mm"
+    return f"{metres:.3g} m" if millimetres > 999 else f"{millimetres:.3g} mm"
 
 
 def _mm_per_3mf_unit(path: Path) -> float:

@@ -103,8 +103,11 @@ def _check_meshes(index: Mapping[str, Any], study: Study) -> None:
     if [entry["name"] for entry in entries] != [mesh.name for mesh in meshes]:
         raise StudyError(f"{study.path}: its meshes are not those of the result")
     for entry, mesh in zip(entries, meshes, strict=True):
-        if mesh.path and entry.get("sha256") != sha256(mesh.path):
-            raise StudyError(f"{mesh.path}: has changed since the result was made")
+        sums = [part.get("sha256") for part in entry.get("parts", [entry])]
+        files = mesh.parts or ((mesh.path,) if mesh.path else ())
+        for number, file in enumerate(files):
+            if sums[number : number + 1] != [sha256(file)]:
+                raise StudyError(f"{file}: has changed since the result was made")
     for entry, model in zip(index["models"], study.models, strict=True):
         if entry.get("pieces", model.file.n_faces) != model.n_faces:
             raise StudyError(

@@ -314,8 +314,10 @@ def _pieces_of(model: Model, found: VisibilityMap) -> dict[str, Any]:
     }
 
 
-def _file_of(model: Model) -> dict[str, str]:
+def _file_of(model: Model) -> dict[str, Any]:
     """Return where a mesh came from and the sum that tells whether it is still the same."""
+    if model.parts:
+        return {"parts": [{"file": str(part), "sha256": sha256(part)} for part in model.parts]}
     if model.path is None:
         return {}
     return {"file": str(model.path), "sha256": sha256(model.path)}

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from glvis.errors import MachineError
+from glvis.inputs.checks import Told, said_once
 from glvis.inputs.estimate import (
     Cost,
     LargeFaces,
@@ -100,7 +101,7 @@ def search_warnings(study: Study) -> list[str]:
 
 
 def resolution_warnings(study: Study) -> list[str]:
-    """Return one sentence for each model with many faces that pixels may miss."""
+    """Return a sentence about the models with many faces that pixels may miss."""
     found = []
     for model in study.models:
         shares = {
@@ -113,28 +114,35 @@ def resolution_warnings(study: Study) -> list[str]:
             return []
         name, share = max(shares.items(), key=lambda item: item[1])
         if share > _MANY_BELOW_A_PIXEL:
-            found.append(
-                f"{model.name}: {100 * share:.0f} % of the faces are smaller than a pixel of "
-                f"{name} at working distance and may be missed; use resolution = 'auto', a "
-                "higher resolution or criterion = 'centroid', or a coarser mesh"
+            sentence = (
+                f"{100 * share:.0f} % of the faces are smaller than a pixel of {name} at working "
+                "distance and may be missed; use resolution = 'auto', a higher resolution or "
+                "criterion = 'centroid', or a coarser mesh"
             )
-    return found
+            found.append(Told("below a pixel", model.name, sentence))
+    return said_once(found)
 
 
 def large_face_warnings(study: Study) -> list[str]:
-    """Return one sentence for each model whose large faces make what is seen a matter of luck."""
+    """Return a sentence about the models whose large faces make what is seen a matter of luck."""
     try:
         found = large_faces(study)
     except MachineError:  # who draws for the study will say so
         return []
-    return [
-        f"{one.model.name}: {one.n_faces:,} {'pieces' if one.model.pieces else 'faces'} hold "
-        f"{100 * one.area_share:.0f} % of the area and each counts whole: "
-        f"{100 * one.by_pixels:.1f} % of the area would be seen by criterion = 'pixels', "
-        f"{100 * one.by_centroid:.1f} % by 'centroid'; {_remedy(one, study.unit)}"
-        for one in found
-        if one.difference > _FEW_POINTS
-    ]
+    return said_once(
+        [
+            Told(
+                "large faces",
+                one.model.name,
+                f"{one.n_faces:,} {'pieces' if one.model.pieces else 'faces'} hold "
+                f"{100 * one.area_share:.0f} % of the area and each counts whole: "
+                f"{100 * one.by_pixels:.1f} % of the area would be seen by criterion = 'pixels', "
+                f"{100 * one.by_centroid:.1f} % by 'centroid'; {_remedy(one, study.unit)}",
+            )
+            for one in found
+            if one.difference > _FEW_POINTS
+        ]
+    )
 
 
 def _remedy(found: LargeFaces, unit: str) -> str:
@@ -153,9 +161,18 @@ def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
     )
     if cost.run_maps:
         yield (
-            f"A full run of {cost.run_maps:,} maps: at most {duration(cost.run_seconds())} in "
-            f"one process, about {duration(cost.run_seconds(workers))} with {workers}; it may "
-            "end before"
+            f"A full run of {cost.run_maps:,} maps: an estimated "
+            f"{duration(cost.run_seconds(workers))} with {workers} processes, "
+            f"{duration(cost.run_seconds())} with one; it may end before"
+        )
+        if cost.guess_seconds:
+            yield (
+                f"  of which guesses take {duration(cost.guess_seconds * cost.run_maps)} in one "
+                "process, whatever the number of others"
+            )
+        yield (
+            "  and after that up to "
+            f"{duration(cost.reach_seconds(workers))} to sample what is within reach"
         )
 
 
