@@ -221,10 +221,13 @@ def broken(index, change):
     ("change", "message"),
     [
         (lambda i: i["poses"].pop(0), "has no pose for 'A'; it has B, C"),
-        (lambda i: i["poses"][0]["camera_to_world"].pop(), "must be a finite 4 x 4 matrix"),
+        (
+            lambda i: i["poses"][0]["camera_to_world"].pop(),
+            r"camera_to_world = .* must have four rows",
+        ),
         (lambda i: i["poses"][0]["camera_to_world"][0].__setitem__(0, 2.0), "is no rigid"),
-        (lambda i: i["poses"][0].pop("name"), "its 'poses' are broken"),
-        (lambda i: i.pop("poses"), "its 'poses' are broken"),
+        (lambda i: i["poses"][0].pop("name"), r"poses\[0\]\.name is missing"),
+        (lambda i: i.pop("poses"), "poses is missing"),
         (lambda i: i.pop("glvis_schema"), "is no result of glvis"),
     ],
 )
@@ -267,7 +270,7 @@ def test_a_result_with_a_missing_or_broken_file_is_refused(written):
     with pytest.raises(StudyError, match=r"trace\.csv: cannot be read: No such file"):
         read_result(written)
     (written / "visibility.npz").write_bytes(b"PK")
-    with pytest.raises(StudyError, match="is no whole result"):
+    with pytest.raises(StudyError, match=r"visibility\.npz: is no archive of arrays"):
         read_result(written)
 
 
