@@ -80,19 +80,21 @@ ARROWS = {
     "guess": "memory sensor study",
     "search": "auto box covariance differential errors greedy guess refine script search_options"
     " study swarm",
-    "states": "complaints files search study swarm_options",
+    "states": "complaints files search study swarm_options values",
     "checkpoint": "complaints errors evaluator files states study",
     "run": "checkpoint errors evaluator progress search study",
     "reach": "box checkpoint evaluator visibility",
     "placement": "camera checkpoint cluster context evaluator maps notebook pieces progress reach"
     " run search study visibility workers",
-    "folder": "errors hints",
+    "folder": "errors hints files",
+    "indexes": "values",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study search",
     "sweep": "complaints errors estimate files overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach",
-    "reading": "context errors folder placement reach result scene study visibility",
+    "reading": "context errors folder placement reach result scene study visibility complaints"
+    " files indexes",
     "given_poses": "camera errors folder reading rotations schema study",
     "framing": "camera",
     "shading": "camera context errors framing glsl",
@@ -113,9 +115,10 @@ ARROWS = {
     "report": "mounting page placement result tables within_reach",
     "delivery": "errors export_poses export_surfaces folder hints mounting page pictures placement"
     " reading report result",
-    "spread": "camera errors estimate folder placement sensor sweep",
+    "spread": "camera errors estimate folder placement sensor sweep reading",
     "series_tables": "folder overrides reading result seriesplots spread sweep",
-    "series": "delivery errors folder placement series_tables spread study sweep",
+    "series": "delivery errors folder placement series_tables spread study sweep complaints"
+    " indexes",
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
@@ -153,7 +156,7 @@ DOORS = {
     "glcontext": "context",
     "trimesh": "scene",
     "pyswarms": "swarm",
-    "pydantic": "schema complaints states study values",
+    "pydantic": "schema complaints indexes states study values",
     "typer": "cli cli_options cli_results cli_series",
     "distributed": "cluster remote",
     "cma": "covariance",

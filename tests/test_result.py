@@ -239,7 +239,7 @@ def test_a_result_with_a_missing_or_broken_file_is_refused(written):
     with pytest.raises(StudyError, match=r"trace\.csv: cannot be read: No such file"):
         read_result(written)
     (written / "visibility.npz").write_bytes(b"PK")
-    with pytest.raises(StudyError, match="is no whole result"):
+    with pytest.raises(StudyError, match=r"visibility\.npz: is no archive of arrays"):
         read_result(written)
 
 

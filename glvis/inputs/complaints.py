@@ -6,9 +6,11 @@ Whatever is quoted from a file is cut here, so that no line is longer than a per
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
+
+Kind = TypeVar("Kind", bound=BaseModel)
 
 # pydantic's kinds of error in the words of this project; the rest keep pydantic's own.
 _WORDS = {
@@ -90,7 +92,21 @@ def located(loc: tuple[str | int, ...], data: Mapping[str, Any]) -> tuple[str, s
     return header, _dotted(path)
 
 
-def first_json_error(error: ValidationError) -> str:
+def checked(kind: type[Kind], value: Any) -> Kind:
+    """Return a JSON value as a record of some kind.
+
+    Raises
+    ------
+    ValueError
+        Of the first thing that is wrong: key, what it got, what is allowed.
+    """
+    try:
+        return kind.model_validate(value)
+    except ValidationError as error:
+        raise ValueError(_first_json_error(error)) from None
+
+
+def _first_json_error(error: ValidationError) -> str:
     """Return the first of pydantic's complaints about a JSON file in one line."""
     found = error.errors(include_url=False)[0]
     key = _dotted(found["loc"]) or "it"

@@ -66,6 +66,11 @@ def at_most(most: float) -> AfterValidator:
     )
 
 
+def between(low: float, high: float) -> AfterValidator:
+    """Return a check that a number lies between two others, or is one of them."""
+    return within(f"lie in [{low:g}, {high:g}]", lambda v: low <= v <= high)
+
+
 def few(what: str) -> AfterValidator:
     """Return a check that there are not more mounts, sensors or variables than anybody means."""
     return within(f"hold at most {MOST_MOUNTS} {what}", lambda v: len(v) <= MOST_MOUNTS)

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.errors import MachineError, StudyError
-from glvis.inputs.complaints import as_toml, shortened
+from glvis.inputs.complaints import as_toml, checked, shortened
 from glvis.inputs.files import json_value, read_npz, toml_tables
 from glvis.inputs.study import Study
 from glvis.optim.evaluator import POSE_BYTES
-from glvis.optim.states import Head, check_inside, check_search, check_trace, checked
+from glvis.optim.states import Head, check_inside, check_search, check_trace
 
 VERSION = 2
 _MOST_BYTES = 1 << 29  # that are read; a search of many variables keeps some megabytes

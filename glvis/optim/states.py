@@ -13,18 +13,19 @@ from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from glvis.inputs.complaints import first_json_error
+from glvis.inputs.complaints import checked
 from glvis.inputs.files import json_value
 from glvis.inputs.study import Study
+from glvis.inputs.values import between
 from glvis.optim.search import TraceRow
 from glvis.optim.swarm_options import SwarmOptions
 
 _MOST_ITERATIONS = 10**9
 _ROUNDING = 1e-9
-_Count = Annotated[int, Field(ge=0, le=2**62)]
-_Iterations = Annotated[int, Field(ge=-1, le=_MOST_ITERATIONS)]
+_Count = Annotated[int, between(0, 2**62)]
+_Seconds = Annotated[float, between(0, 1e12)]
 
 
 class _Record(BaseModel):
@@ -46,7 +47,7 @@ class RunState(_Record):
     start_value: float
     evaluations: _Count
     maps_rendered: _Count
-    seconds: Annotated[float, Field(ge=0, le=1e12)]
+    seconds: _Seconds
     warnings: list[str]
     gl: dict[str, str]
 
@@ -59,13 +60,13 @@ class Head(_Record):
 
 
 class _ScriptState(_Record):
-    beyond: _Iterations
+    beyond: Annotated[int, between(-1, _MOST_ITERATIONS)]
     digest: str
 
 
 class _SwarmState(_Record):
     options: dict[str, Any]
-    seconds: Annotated[float, Field(ge=0, le=1e12)]
+    seconds: _Seconds
     generator: dict[str, Any]
     # NaN stands where no value was finite
     trace: list[list[Annotated[float, Field(allow_inf_nan=True)] | None]]
@@ -75,20 +76,6 @@ class _SwarmState(_Record):
     neighbours: _Count = Field(alias="_neighbours")
     stall_counter: _Count = Field(alias="_stall_counter")
     stall_from: _Count = Field(alias="_stall_from")
-
-
-def checked(kind: type[BaseModel], value: Any) -> Any:
-    """Return a JSON value as a record of some kind.
-
-    Raises
-    ------
-    ValueError
-        Key, what it got, what is allowed.
-    """
-    try:
-        return kind.model_validate(value)
-    except ValidationError as error:
-        raise ValueError(first_json_error(error)) from None
 
 
 def check_trace(trace: bytes, run: RunState) -> int:

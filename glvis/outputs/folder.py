@@ -19,12 +19,15 @@ from typing import Any
 
 from glvis.errors import MachineError, StudyError
 from glvis.hints import command
+from glvis.inputs.files import read_json
 
 INDEX = "result.json"  # names every file of the result; written last
 CHECKPOINT = "checkpoint.npz"
 STUDY = "study.toml"
 SERIES = ("sweep.json", "repeats.json")  # the index of a folder with many runs
 _STAGING = "unfinished"
+_MOST_BYTES = 16_000_000  # of an index; of sixty sensors and two hundred models it has 500 kB
+_LONGEST_NAME = 4096  # letters of a file in the folder
 # a list of numbers over several lines; a text in JSON never has a line break inside
 _NUMBERS = re.compile(r'\[(\n[^\[\]{}"]*)\]')
 
@@ -261,13 +264,13 @@ def read_index(path: Path) -> dict[str, Any]:
         If it is missing, cannot be read, or is not glvis' own.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = read_json(path, _MOST_BYTES)
     except FileNotFoundError:
         raise StudyError(f"{path}: does not exist{_hint_of_runs(path.parent)}") from None
     except OSError as error:
         raise StudyError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # not UTF-8, not JSON
-        raise StudyError(f"{path}: is no JSON: {error}") from None
+    except ValueError as error:  # not UTF-8, not JSON, no plain file
+        raise StudyError(f"{path}: {error}") from None
     if not isinstance(found, dict) or "glvis_schema" not in found:
         raise StudyError(f"{path}: is no result of glvis")
     return found
@@ -323,7 +326,8 @@ def _remove(path: Path, names: Iterable[str]) -> None:
 
 def _is_inside(name: object) -> bool:
     """Return whether a name of a list that anybody may have written stays in its folder."""
-    return isinstance(name, str) and name != "" and not {"", "..", "."} & set(name.split("/"))
+    is_name = isinstance(name, str) and "\0" not in name and 0 < len(name) <= _LONGEST_NAME
+    return is_name and not {"", "..", "."} & set(str(name).split("/"))
 
 
 def made_folders(path: Path) -> list[Path]:

@@ -7,7 +7,6 @@ looking along -z; COLMAP's are world to camera with y down, looking along z.
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,12 +16,16 @@ import numpy as np
 
 from glvis.camera import camera_to_world, rigid_inverse
 from glvis.errors import StudyError
+from glvis.inputs.complaints import checked
+from glvis.inputs.files import json_value, read_text
 from glvis.inputs.schema import MM_PER_UNIT
 from glvis.inputs.study import Study
 from glvis.outputs.folder import INDEX, read_index
+from glvis.outputs.indexes import PosesIndex
 from glvis.outputs.reading import poses_of
 from glvis.outputs.rotations import OPTICAL, Floats, rotation
 
+_MOST = 64_000_000  # bytes
 _KINDS = "a result or its folder, poses.csv, COLMAP's images.txt, or JSON of 4 x 4 matrices"
 
 
@@ -51,8 +54,8 @@ def read_given_poses(path: str | Path, study: Study) -> Floats:
         raise StudyError(f"{path}: holds no poses that can be read; they may be {_KINDS}")
     own = read_index(path) if path.name == INDEX else {}
     try:
-        content = own or read(path.read_text(encoding="utf-8-sig"), study)
-        poses = poses_of(content, study.sensor_names)
+        content = own or read(read_text(path, _MOST), study)
+        poses = poses_of(checked(PosesIndex, content).poses, study.sensor_names)
         poses[:, :3, 3] *= MM_PER_UNIT[content.get("unit", study.unit)] / MM_PER_UNIT[study.unit]
         return poses
     except FileNotFoundError:
@@ -63,17 +66,12 @@ def read_given_poses(path: str | Path, study: Study) -> Floats:
         raise StudyError(f"{path}: cannot be read: {error.strerror}") from None
     except StudyError as error:
         raise StudyError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise StudyError(f"{path}: its poses are broken; they may be {_KINDS}") from None
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise StudyError(f"{path}: its poses are broken: {error}; they may be {_KINDS}") from None
 
 
 def _from_json(text: str, study: Study) -> Mapping[str, Any]:
-    try:
-        found = json.loads(text)
-    except RecursionError:
-        raise StudyError("is no JSON: nested too deeply") from None
-    except ValueError as error:
-        raise StudyError(f"is no JSON: {error}") from None
+    found = json_value(text)
     if not isinstance(found, dict):
         raise StudyError(f"must hold {{ sensor: 4 x 4 matrix, ... }}, or be {_KINDS}")
     if "poses" in found:

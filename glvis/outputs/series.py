@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from glvis.errors import StudyError
+from glvis.inputs.complaints import checked
 from glvis.inputs.study import Study, load_study
 from glvis.inputs.sweep import Plan, PlannedRun, plan_runs
 from glvis.optim.placement import INTERRUPTED, Placement
@@ -29,6 +30,7 @@ from glvis.outputs.folder import (
     series_index,
     write_whole,
 )
+from glvis.outputs.indexes import SeriesIndex
 from glvis.outputs.series_tables import FILES, write_series
 from glvis.outputs.spread import Spread, outcomes_of
 
@@ -54,13 +56,14 @@ def read_series(directory: Path, repeats: int | None = None) -> Plan:
     path = series_index(directory)
     if path is None:
         raise StudyError(f"{directory}: holds no series of runs")
-    index = read_index(path)
-    study = load_study(directory / STUDY)
     try:
-        before = int(index["repeats"])
-        study = replace(study, title=str(index["title"]), sweep=dict(index["sweep"]))
-    except (KeyError, TypeError, ValueError):
-        raise StudyError(f"{path}: is no series of glvis") from None
+        index = checked(SeriesIndex, read_index(path))
+    except StudyError:
+        raise
+    except ValueError as error:
+        raise StudyError(f"{path}: is no series of glvis: {error}") from None
+    before = index.repeats
+    study = replace(load_study(directory / STUDY), title=index.title, sweep=index.sweep)
     if repeats is not None and repeats < before:
         raise StudyError(f"{directory}: has {before} repeats, --repeats can only add to them")
     return plan_runs(study, repeats=repeats or before)

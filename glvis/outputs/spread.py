@@ -17,7 +17,8 @@ from glvis.inputs.estimate import working_distance
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.sweep import Plan, PlannedRun, Point
 from glvis.optim.placement import INTERRUPTED
-from glvis.outputs.folder import INDEX, read_index
+from glvis.outputs.folder import INDEX
+from glvis.outputs.reading import result_index
 
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])  # of roll
 
@@ -142,22 +143,21 @@ def outcome_of(directory: Path, run: PlannedRun) -> Outcome | None:
     path = directory / run.name / INDEX
     if not path.exists():
         return None
-    index = read_index(path)
-    try:
-        search = index["search"]
-        return Outcome(
-            run=run,
-            value=index["objective"]["value"],
-            percentage=index["mean"]["percentage"],
-            area_percentage=index["mean"]["area_percentage"],
-            iterations=search["iterations"],
-            evaluations=search["evaluations"],
-            maps_rendered=search["maps_rendered"],
-            stop_reason=search["stop_reason"],
-            camera_to_world=np.array([pose["camera_to_world"] for pose in index["poses"]], float),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise StudyError(f"{path}: is no whole result: {error}") from None
+    index = result_index(path)
+    search = index.search
+    if len(index.poses) != len(run.point.sensors):
+        raise StudyError(f"{path}: is no result of this run: it has other sensors")
+    return Outcome(
+        run=run,
+        value=index.objective.value,
+        percentage=index.mean.percentage,
+        area_percentage=index.mean.area_percentage,
+        iterations=search.iterations,
+        evaluations=search.evaluations,
+        maps_rendered=search.maps_rendered,
+        stop_reason=search.stop_reason,
+        camera_to_world=np.array([pose.camera_to_world for pose in index.poses], float),
+    )
 
 
 def outcomes_of(directory: Path, plan: Plan) -> list[Outcome]:
