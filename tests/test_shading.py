@@ -7,7 +7,8 @@ from shapes import cube, icosphere, merged, plate, triangle
 from glvis.camera import camera_to_world, projection_matrix
 from glvis.drawing.coloring import BACK_COLOR
 from glvis.drawing.framing import Eye, View, fitted_eye
-from glvis.drawing.shading import Canvas, Lines, Solid, corner_normals
+from glvis.drawing.normals import corner_normals
+from glvis.drawing.shading import Canvas, Lines, Solid
 from glvis.errors import MachineError
 from glvis.sight.context import gl_context
 

@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike
 
 from glvis.drawing.coloring import KINDS, coloring
 from glvis.drawing.plots import TraceLike, write_convergence
-from glvis.drawing.scenesheets import SIZE, close_sheet, perspective_sheet, sides_sheet
+from glvis.drawing.scenesheets import (
+    SIZE,
+    close_sheet,
+    perspective_sheet,
+    sides_sheet,
+    unseen_sheet,
+)
 from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
@@ -130,7 +136,8 @@ def _sheets(
                 yield f"{model}-{kind}-perspective", perspective_sheet(stage, painted, size, view)
                 yield f"{model}-{kind}-sides", sides_sheet(stage, painted, size, view)
             else:
-                yield f"{model}-{kind}", close_sheet(stage, painted, size, view)
+                lay_out = unseen_sheet if kind == "unseen" else close_sheet
+                yield f"{model}-{kind}", lay_out(stage, painted, size, view)
         if color is None:
             yield f"{model}-contact", contact_sheet(stage, size)
             for s, name in enumerate(seen_map.sensor_names if m == 0 else ()):

@@ -51,6 +51,23 @@ def grid(box: Box, columns: int, rows: int, gap: int) -> list[Box]:
     ]
 
 
+def halves(box: Box, part: float, gap: int, *, stacked: bool) -> list[Box]:
+    """Return two boxes that share one, the first with a part of it, side by side or stacked."""
+    if stacked:
+        first = round(part * (box.height - gap))
+        below = box.y + first + gap
+        return [
+            Box(box.x, box.y, box.width, first),
+            Box(box.x, below, box.width, box.bottom - below),
+        ]
+    first = round(part * (box.width - gap))
+    beside = box.x + first + gap
+    return [
+        Box(box.x, box.y, first, box.height),
+        Box(beside, box.y, box.right - beside, box.height),
+    ]
+
+
 def readable(color: Colors) -> tuple[int, ...]:
     """Return a colour dark enough for text on white."""
     c = np.asarray(color, dtype=float)
@@ -66,16 +83,22 @@ def round_length(longest: float) -> float:
 
 
 def number(value: float) -> str:
-    """Return a number for people: no exponent where it can be helped, thousands apart."""
+    """Return a number for people: no exponent where it can be helped, thousands by commas."""
     text = f"{value:.6g}"
     if "e" in text and abs(value) >= 1:
         text = f"{value:.0f}"
     elif "e" in text and abs(value) >= 1e-6:
         text = f"{value:.12f}".rstrip("0")
     whole, _, rest = text.partition(".")
-    if len(whole.lstrip("-")) > 4 and "e" not in text:
-        whole = f"{int(whole):,}".replace(",", "\u00a0")
+    if len(whole.lstrip("-")) > 3 and "e" not in text:
+        whole = f"{int(whole):,}"
     return (f"{whole}.{rest}" if rest else whole).replace("-", "−")
+
+
+def length_words(value: float, unit: str) -> str:
+    """Return a length for people: "200 mm", but "2 inches", which no one takes for a word."""
+    word = "inches" if unit in ("in", "inch") else unit
+    return f"{number(value)}\u00a0{'inch' if word == 'inches' and value == 1 else word}"
 
 
 def ticks(low: float, high: float, wanted: int = 5) -> list[float]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from glvis.drawing.palette import OKABE_ITO, hex_color, sensor_colors
-from glvis.drawing.plots import dress, new_figure, spaced_thousands
+from glvis.drawing.plots import dress, new_figure, parted_thousands
 
 SIZE = (1600, 1000)
 _BLUE, _PALE, _ORANGE = OKABE_ITO[0], "#9FB8CC", OKABE_ITO[5]
@@ -84,7 +84,7 @@ def write_repeats(
     axes.set_xlabel("maps rendered")
     axes.set_ylabel(f"best {quantity} so far")
     axes.set_title(title, loc="left", fontweight="bold", fontsize=11)
-    spaced_thousands(axes)
+    parted_thousands(axes)
     dress(axes)
     axes.margins(x=0.01)
     axes.legend(frameon=False, loc="lower right")

@@ -84,7 +84,8 @@ def _reach(placement: Placement) -> list[PageTable]:
 
 
 def _sensors(placement: Placement) -> PageTable:
-    noun, rows = sensor_table(placement.study.models, placement.maps)
+    study = placement.study
+    noun, rows = sensor_table(study.models, placement.maps, study.objective.by_area)
     return PageTable(
         "Sensors",
         ["sensor", "sees %", "only it sees %"],
