@@ -94,7 +94,10 @@ ARROWS = {
     "gapviews": "framing regions stage",
     "scenesheets": "camera coloring framing gapviews palette places sheet stage",
     "sensorsheets": "coloring palette places scenesheets sheet stage",
-    "pictures": "coloring plots scenesheets sensorsheets sheet stage study visibility",
+    "modelsheets": "coloring places scenesheets sheet stage visibility",
+    "selection": "pieces study visibility",
+    "pictures": "coloring modelsheets plots scenesheets selection sensorsheets sheet stage study"
+    " visibility",
     "page": "glsl palette",
     "mounting": "camera placement",
     "export_poses": "camera mounting palette placement result rotations schema study",
@@ -102,7 +105,7 @@ ARROWS = {
     " sensor",
     "report": "mounting page placement result tables within_reach",
     "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
-    " reading report result",
+    " reading report result selection",
     "spread": "camera errors estimate folder placement sensor sweep",
     "series_tables": "folder overrides reading result seriesplots spread sweep",
     "series": "delivery errors folder placement series_tables spread study sweep",

@@ -84,7 +84,7 @@ class _Candidates:
 
     def amounts(self, views: Sequence[View], weights: Floats) -> Floats:
         """Return how much of weighted unseen faces (U,) each view shows, (N,)."""
-        return np.array([float(self.shown(view) @ weights) for view in views])
+        return np.array([float((self.shown(view) * weights).sum()) for view in views])
 
     def of_gap(self, k: int) -> Floats:
         """Return 1 for the faces of gap ``k``, else 0, (U,)."""
@@ -94,7 +94,8 @@ class _Candidates:
 
     def left(self, views: Sequence[View]) -> Floats:
         """Return 1 for the unseen faces that none of the views shows, else 0, (U,)."""
-        return (sum(self.shown(view) for view in views) == 0).astype(float)
+        shown = np.sum([self.shown(view) for view in views], axis=0)
+        return np.where(shown == 0, 1.0, 0.0)
 
 
 def gap_views(stage: Stage, first: View, *, is_fixed: bool = False) -> GapViews:
@@ -135,9 +136,7 @@ def gap_views(stage: Stage, first: View, *, is_fixed: bool = False) -> GapViews:
 
 def _around(stage: Stage, gaps: Sequence[Region]) -> list[View]:
     """Return views from all sides, and straight at the gaps."""
-    angles = [
-        direction_angles(stage.study.up, gap.facing) for gap in gaps if np.any(gap.facing)
-    ]
+    angles = [direction_angles(stage.study.up, gap.facing) for gap in gaps if np.any(gap.facing)]
     straight = [(5.0 * round(a / 5) % 360, 5.0 * round(e / 5)) for a, e in angles]
     step = 2 if stage.seen.model.n_faces > _LARGE else 1
     around = [(float(a % 360), e) for e in _ELEVATIONS for a in _AZIMUTHS[::step]]

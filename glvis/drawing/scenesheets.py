@@ -47,9 +47,7 @@ def perspective_sheet(
     """Return the scene with its sensors and their frusta, and the model large."""
     view = _directed(stage, direction)
     with_rig = _Panel(view, with_rig=True, with_frusta=True)
-    scales = [
-        stage.eye(view, size, with_rig=rig).pixels_per_length(size) for rig in (True, False)
-    ]
+    scales = [stage.eye(view, size, with_rig=rig).pixels_per_length(size) for rig in (True, False)]
     panels = [with_rig] if scales[0] >= _SMALL * scales[1] else [_Panel(view), with_rig]
     sheet, box = _prepared(stage, painted, size)
     cells = [box] if len(panels) == 1 else _split(sheet, box, stage, panels)
@@ -117,7 +115,7 @@ def _gap_words(stage: Stage, found: GapViews) -> str:
         return ""
     model = stage.seen.model
     total = model.areas.sum()
-    sizes = [f"{k}: {share(gap.area / total)}" for k, gap in enumerate(found.gaps, start=1)]
+    sizes = [f"{k}:\u00a0{share(gap.area / total)}" for k, gap in enumerate(found.gaps, start=1)]
     words = f" Largest gaps, of the area: {', '.join(sizes)}."
     if inside := found.hidden_gaps():
         words += f" No view from outside shows {' and '.join(map(str, inside))}."

@@ -337,7 +337,8 @@ class Sheet:
         sizes = [(self.text_width(name, 19, True) + self.units(6), height) for name in names]
         for k, centre in label_places(places, sizes, clear, box.size).items():
             if is_pointing:
-                self._point((box.x, box.y) + places[k], (box.x, box.y) + centre)
+                corner = np.array([box.x, box.y])
+                self._point(corner + places[k], corner + centre)
             self.text(
                 round(box.x + centre[0]),
                 round(box.y + centre[1]),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from glvis.optim.placement import Placement
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.result import versions
@@ -18,8 +20,8 @@ _COLUMNS = {
 }
 
 
-def page_data(placement: Placement) -> PageData:
-    """Return all that the page of a placement shows."""
+def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
+    """Return all that the page of a placement shows; ``left_out`` is said of the pictures."""
     study = placement.study
     return PageData(
         title=study.title,
@@ -53,10 +55,16 @@ def page_data(placement: Placement) -> PageData:
         obstacles=[PageObstacle(m.name, m.vertices, m.faces) for m in study.obstacles],
         tables=[_coverage(placement), *_reach(placement), _sensors(placement)],
         trace=_trace(placement),
-        facts=_facts(placement),
+        facts=[*_facts(placement), *(("Pictures", text) for text in _bare(left_out))],
         mounting=mounting_lines(placement),
+        by_area=study.objective.by_area,
         incidence=study.visibility.incidence,
     )
+
+
+def _bare(sentences: Sequence[str]) -> list[str]:
+    """Return sentences without the word that they begin with."""
+    return [sentence.partition(": ")[2] for sentence in sentences]
 
 
 def _coverage(placement: Placement) -> PageTable:

@@ -2,7 +2,7 @@
 
 const study = JSON.parse(byId('study').textContent);
 const sensors = study.sensors.map(readSensor);
-const byArea = study.models.some((entry) => entry.pieceOf !== undefined); // pieces are no faces of the file
+const { byArea } = study; // whether shares are of the area, else of the faces
 const canvas = byId('canvas');
 const still = matchMedia('(prefers-reduced-motion: reduce)');
 const state = {
