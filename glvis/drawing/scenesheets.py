@@ -24,7 +24,7 @@ _HEAT_RELIEF = 0.55  # light and shade must not be taken for a value
 _STRIP = 58  # units under a picture for axes, title and scale bar
 # Where sensors stand so far off that the model is drawn smaller than this share of what alone it
 # could be, it is drawn alone as well.
-_SMALL = 0.6
+_SMALL = 0.5
 _PARTS = (0.5, 0.4, 0.3, 0.6)  # of a sheet that the model alone may take
 
 
@@ -146,7 +146,7 @@ def _prepared(stage: Stage, painted: Coloring, size: tuple[int, int]) -> tuple[S
     stage.shows_backs = False
     margin, gap = sheet.units(28), sheet.units(26)
     right = size[0] - 2 * margin - sheet.legend_width([painted]) - gap
-    return sheet, Box(margin, top, right - margin, size[1] - top - margin)
+    return sheet, Box(margin, top, right, size[1] - top - margin)
 
 
 def _with_legend(sheet: Sheet, stage: Stage, painted: Coloring, box: Box) -> Sheet:
@@ -224,8 +224,9 @@ def _draw_panel(
         "" if eye.is_parallel or box.width < sheet.units(480) else " at mid-depth",
     )
     left = box.x + round(1.6 * strip)
-    title = sheet.shortened(_view_title(stage, view), end - sheet.units(12) - left, 16)
-    sheet.text(left, middle, title, size=16, anchor="lm")
+    room, titles = end - sheet.units(12) - left, _view_titles(stage, view)
+    title = next((t for t in titles if sheet.text_width(t, 16) <= room), titles[-1])
+    sheet.text(left, middle, sheet.shortened(title, room, 16), size=16, anchor="lm")
     return frame, eye
 
 
@@ -270,11 +271,12 @@ def _split(sheet: Sheet, box: Box, stage: Stage, panels: list[_Panel]) -> list[B
     return max(tried, key=worth)
 
 
-def _view_title(stage: Stage, view: View) -> str:
-    """Return where a view is from, in words and along which axis."""
+def _view_titles(stage: Stage, view: View) -> tuple[str, ...]:
+    """Return where a view is from, in words and along which axis; the longest first."""
     label = axis_label(towards_eye(stage.study.up, view.azimuth_deg, view.elevation_deg))
     if label:
-        return f"{view.name}, from {label}"
-    return f"from azimuth {view.azimuth_deg:g}°, elevation {view.elevation_deg:g}°".replace(
-        "-", "−"
+        return f"{view.name}, from {label}", view.name
+    azimuth, elevation = (
+        f"{angle:g}°".replace("-", "−") for angle in (view.azimuth_deg, view.elevation_deg)
     )
+    return f"from azimuth {azimuth}, elevation {elevation}", f"from {azimuth}, {elevation}"
