@@ -233,8 +233,10 @@ def test_corner_normals_are_smooth_on_a_ball_and_sharp_on_a_cube():
 def filleted_block():
     """A flat top of large triangles, a quarter round of small ones, and a flat side."""
     angles = np.radians(np.linspace(0, 90, 7))
-    profile = [(-20, 1), *((np.sin(a), np.cos(a)) for a in angles), (1, -20)]  # x, z
-    y = np.linspace(0, 1, 12) ** 2 * 30  # uneven, as meshers make them
+    arc = [(np.sin(a), np.cos(a)) for a in angles]
+    # with narrow strips beside the round, as meshers make them
+    profile = [(-20, 1), (-0.03, 1), *arc, (1, -0.03), (1, -20)]  # x, z
+    y = np.linspace(0, 30, 12)
     vertices = np.array([(x, v, z) for x, z in profile for v in y])
     n, m = len(profile), len(y)
     at = np.arange(n * m).reshape(n, m)
@@ -252,7 +254,7 @@ def test_flat_sides_beside_a_fillet_are_even():
     )
     own /= np.linalg.norm(own, axis=1, keepdims=True)
     is_flat = (np.abs(own) > 0.9999).any(axis=1)
-    assert 40 <= is_flat.sum() < len(faces)
+    assert 0 < is_flat.sum() < len(faces)
     cosine = np.einsum("fck,fk->fc", normals, own)
     lean = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     assert lean[is_flat].max() < 2.0  # no streaks: even is what is flat
@@ -279,12 +281,12 @@ def test_sheet_modelled_from_both_sides_shows_its_front_wherever_one_stands(elev
 
 
 def test_table_over_a_floor_smears_nothing_on_it():
-    floor, table = plate(60, 60), plate(10, 10, center=(0, 0, 12))
+    floor, table = plate(60, 60), plate(10, 10, center=(0, 0, 2.5))
     with Canvas((200, 200)) as canvas:
         made = solid(merged(floor, table), (180, 180, 180))
         eye = looking_down((200, 200), 20)
         picture = canvas.image(eye, [made], origin=(0, 0, 0), up=UP)[..., 0].astype(int)
-    far, beside = picture[100, 190], picture[100, 100 + 25 + 3 : 100 + 25 + 8]
+    far, beside = picture[100, 190], picture[100, 126:132]  # the table ends at 125
     assert (np.abs(beside - far) <= 3).all()
 
 
