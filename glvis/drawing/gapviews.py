@@ -26,6 +26,7 @@ _SQUARE = 0.15  # cosine to the line of sight, below which a face shows as a lin
 _LIFT = 2.0  # pixels that a point may lie behind what is drawn: surfaces are seen obliquely
 _SHOWN = 0.5  # of what the best view shows of a gap, that a view must show for it to be shown
 _BETTER = 1.15  # times as much another view must show than the one that all pictures share
+_FROM_BELOW = 0.1  # what a view of a room from below counts, unless nothing else shows a gap
 _MOST_VIEWS = 4
 _LARGE = 200_000  # faces of a model that is looked at from half as many sides
 
@@ -114,22 +115,28 @@ def gap_views(stage: Stage, first: View, *, is_fixed: bool = False) -> GapViews:
     if not len(known.index):
         return GapViews([first, second], [], [])
     candidates = [first, second, *_around(stage, known.gaps)]
-    amounts = known.amounts(candidates, np.ones(len(known.index)))
-    amounts[0] *= _BETTER
-    views = [first if is_fixed else candidates[int(np.argmax(amounts))]]
+    liking = np.ones(len(candidates))
+    liking[0] = _BETTER
+    if stage.is_room:  # nobody looks into a room through its floor
+        liking[[view.elevation_deg < 0 for view in candidates]] = _FROM_BELOW
 
-    def add(weights: Floats) -> None:
-        amounts = known.amounts(candidates, weights)
+    def add(weights: Floats, liking: Floats | float = 1.0) -> None:
+        amounts = liking * known.amounts(candidates, weights)
         views.append(candidates[int(np.argmax(amounts))] if amounts.any() else second)
 
-    add(known.left(views))
+    views: list[View] = []
+    if is_fixed:
+        views.append(first)
+    else:
+        add(np.ones(len(known.index)), liking)
+    add(known.left(views), liking)
     gaps = [known.of_gap(k) for k in range(len(known.gaps))]
     enough = [_SHOWN * known.amounts(candidates, gap).max() for gap in gaps]
     for gap, least in zip(gaps, enough, strict=True):
         if len(views) < _MOST_VIEWS and known.amounts(views, gap).max() < least:
             add(gap)
     if len(views) == _MOST_VIEWS - 1:  # a sheet has room for four
-        add(known.left(views))
+        add(known.left(views), liking)
     places = [_places(known, views, *one) for one in zip(gaps, enough, strict=True)]
     return GapViews(views, known.gaps, places)
 
