@@ -98,7 +98,7 @@ ARROWS = {
     "selection": "pieces study visibility",
     "pictures": "coloring modelsheets plots scenesheets selection sensorsheets sheet stage study"
     " visibility",
-    "page": "glsl palette",
+    "page": "glsl palette places",
     "mounting": "camera placement",
     "export_poses": "camera mounting palette placement result rotations schema study",
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"

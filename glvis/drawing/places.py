@@ -95,9 +95,14 @@ def number(value: float) -> str:
     return (f"{whole}.{rest}" if rest else whole).replace("-", "−")
 
 
+def unit_word(unit: str) -> str:
+    """Return a unit as it stands in a sentence: "mm", but "inches", as "in" reads as a word."""
+    return "inches" if unit in ("in", "inch") else unit
+
+
 def length_words(value: float, unit: str) -> str:
-    """Return a length for people: "200 mm", but "2 inches", which no one takes for a word."""
-    word = "inches" if unit in ("in", "inch") else unit
+    """Return a length for people: "200 mm", "2 inches"."""
+    word = unit_word(unit)
     return f"{number(value)}\u00a0{'inch' if word == 'inches' and value == 1 else word}"
 
 

@@ -28,6 +28,7 @@ from glvis.drawing.palette import (
     overlap_colors,
     sensor_colors,
 )
+from glvis.drawing.places import unit_word
 from glvis.sight.glsl import shader_source
 
 _VIEWER = Path(__file__).resolve().parent
@@ -370,7 +371,7 @@ def _subtitle(data: PageData) -> str:
             _count(len(data.sensors), "sensor") + (f" ({', '.join(kinds)})" if kinds else ""),
             _count(len(data.models), "model"),
             *([_count(len(data.obstacles), "obstacle")] if data.obstacles else []),
-            f"in {data.unit}",
+            f"lengths in {unit_word(data.unit)}",
         ]
     )
 
