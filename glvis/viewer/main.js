@@ -332,6 +332,7 @@ window.glvis = {
   read: (face) => readFace(models[state.model], face),
   frame: () => camera.frame(sensors[state.through]),
   covered: () => covered,
+  aims: () => aims,
   coarsened,
   camera: () => camera,
   model: () => models[state.model],
