@@ -433,6 +433,22 @@ def test_text_is_broken_between_words_and_never_at_hard_spaces():
     assert lines == ["alpha beta", "20\u00a0% gamma"]
 
 
+def test_line_breaks_in_names_are_blanks(ring):
+    sheet = Sheet((300, 100), unit=1.0)
+    assert sheet.text_width("two\nlines\x07") == sheet.text_width("two lines ")
+    sheet.heading("two\nlines", "sub\ttitle\r")
+    assert ink(sheet).any()
+
+
+def test_money_in_a_title_is_no_formula(tmp_path):
+    pictures = []
+    for title in ("from 5 to 7 $", "from $5 to 7 $", "from $\\frac{5$ to 7"):
+        options = {"title": title, "quantity": "OF3", "size": (320, 200)}
+        write_convergence(tmp_path / "c.png", trace(), **options)
+        pictures.append(np.array(Image.open(tmp_path / "c.png")))
+    assert (pictures[0] != pictures[1]).any()
+
+
 def test_long_titles_are_cut_with_an_ellipsis():
     sheet = Sheet((400, 400), unit=1.0)
     short = sheet.shortened("word " * 50, 200, 18)

@@ -90,7 +90,7 @@ def write_convergence(
     )
     axes.set_xlabel("evaluations of the objective")
     axes.set_ylabel(quantity)
-    axes.set_title(title, loc="left", fontweight="bold", fontsize=11)
+    axes.set_title(title, loc="left", fontweight="bold", fontsize=11, parse_math=False)
     parted_thousands(axes)
     dress(axes)
     axes.margins(x=0.01)

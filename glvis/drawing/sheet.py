@@ -82,7 +82,7 @@ class Sheet:
 
     def text_width(self, text: str, size: float = 18, bold: bool = False) -> int:
         """Return the pixels that a line of text takes."""
-        return math.ceil(self.font(size, bold).getlength(text))
+        return math.ceil(self.font(size, bold).getlength(_one_line(text)))
 
     def text(
         self,
@@ -99,7 +99,7 @@ class Sheet:
         """Write a line of text; ``anchor`` is Pillow's."""
         self._draw.text(
             (x, y),
-            text,
+            _one_line(text),
             fill=color,
             font=self.font(size, bold),
             anchor=anchor,
@@ -357,6 +357,11 @@ class Sheet:
             line = (*at.tolist(), *(at + 0.75 * (label - at)).tolist())
             self._draw.line(line, fill=color, width=max(1, self.units(width)))
         self._draw.ellipse((*(at - r).tolist(), *(at + r).tolist()), fill=INK, outline="white")
+
+
+def _one_line(text: str) -> str:
+    """Return text without line breaks and the like, which a line of text cannot have."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 @cache
