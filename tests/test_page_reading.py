@@ -5,9 +5,11 @@ import re
 import numpy as np
 import pytest
 from browser import Browser, find_chromium
-from test_page import CORNER, HALF, SIZE, SIZE_OF_PAGE, box, differs, example, header, plate
+from test_page import CORNER, HALF, SIZE, SIZE_OF_PAGE, N, box, differs, example, header, plate
 
 from glvis.camera import camera_to_world
+from glvis.inputs.regions import regions
+from glvis.inputs.scene import Model
 from glvis.viewer.page import PageModel, PageObstacle, PageSensor, PageTable, page_text, write_page
 
 TAN = example().sensors[0].tan_half
@@ -178,6 +180,19 @@ def covered_gap():
     corners = (corners - corners.min(axis=0)) / 30 * [70, 70, 2]
     lid = corners + CORNER + [SIZE / 2 - 5, SIZE / 2 - 5, 3]
     return example(obstacles=[PageObstacle("lid", lid, faces)])
+
+
+def test_gaps_are_those_that_explain_tells(show):
+    vertices, faces = plate()
+    x, y, _ = ((vertices[faces].mean(axis=1) - CORNER) / SIZE * N).T
+    # two squares that touch at a corner alone, and a strip
+    unseen = (x < 3) & (y < 3) | (x > 3) & (x < 6) & (y > 3) & (y < 6) | (x > 10)
+    visible = np.tile(~unseen, (2, 1))
+    tab = show(example(models=[PageModel("flat", vertices, faces, visible)]))
+    found = tab.run("glvis.covered().gaps.map((gap) => [gap.nFaces, gap.area])")
+    told = regions(Model.from_arrays("flat", vertices, faces), unseen)
+    assert [n for n, _ in found] == [48, 18, 18]
+    np.testing.assert_allclose(found, [(region.n_faces, region.area) for region in told], rtol=1e-5)
 
 
 def loud(image):
