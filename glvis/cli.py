@@ -15,6 +15,7 @@ import typer
 
 from glvis import __version__
 from glvis.cli_options import (
+    AllPictures,
     DryRun,
     NoMeshes,
     NoPictures,
@@ -238,6 +239,7 @@ def evaluate(
     overrides: Set = None,
     overwrite: Overwrite = False,
     no_pictures: NoPictures = False,
+    all_pictures: AllPictures = False,
     no_meshes: NoMeshes = False,
 ) -> None:
     """Say what the start poses, or given ones, see; nothing is searched.
@@ -247,7 +249,7 @@ def evaluate(
     """
     from glvis.inputs.study import load_study
     from glvis.optim.placement import evaluate_poses
-    from glvis.outputs.delivery import deliver, summary_of_files
+    from glvis.outputs.delivery import Look, deliver, left_out_lines, summary_of_files
     from glvis.outputs.folder import result_folder
     from glvis.outputs.given_poses import read_given_poses
     from glvis.outputs.wording import result_lines
@@ -260,13 +262,16 @@ def evaluate(
         placement = evaluate_poses(loaded, given)
         _say_that_pictures_come(not no_pictures)
         failures = deliver(
-            placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes
-        )
+            placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,
+            look=Look(all_pictures=all_pictures),
+        )  # fmt: skip
     for line in result_lines(placement):
         say(line)
     for warning in [*warnings, *failures]:
         say(f"Warning: {warning}")
     say(summary_of_files(output))
+    for line in left_out_lines(output):
+        say(line)
     if failures:
         raise typer.Exit(1)
 
@@ -324,6 +329,7 @@ def optimize(
     sweep: Sweep = None,
     dry_run: DryRun = False,
     no_pictures: NoPictures = False,
+    all_pictures: AllPictures = False,
     no_meshes: NoMeshes = False,
 ) -> None:
     r"""Search the poses that see most.
@@ -343,7 +349,7 @@ def optimize(
     from glvis.optim.placement import place_sensors
     from glvis.optim.reach import Sampler
     from glvis.optim.workers import available_cores
-    from glvis.outputs.delivery import deliver, summary_of_files
+    from glvis.outputs.delivery import Look, deliver, left_out_lines, summary_of_files
     from glvis.outputs.folder import STUDY, result_folder, series_index
     from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
@@ -381,7 +387,8 @@ def optimize(
         optimize_many(
             directory, early, settings, search, sweeps=sweep or (), repeats=repeats,
             dry_run=dry_run, resume=resume is not None, extend=extend, overwrite=overwrite,
-            warnings=_warnings, pictures=not no_pictures, meshes=not no_meshes,
+            warnings=_warnings, pictures=not no_pictures, all_pictures=all_pictures,
+            meshes=not no_meshes,
         )  # fmt: skip
         return
     assert directory
@@ -395,13 +402,16 @@ def optimize(
         placement = search(loaded, folder.checkpoint, resume is not None)
         _say_that_pictures_come(not no_pictures)
         failures = deliver(
-            placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes
-        )
+            placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,
+            look=Look(all_pictures=all_pictures),
+        )  # fmt: skip
     for line in result_lines(placement):
         say(line)
     for warning in [*placement.warnings, *failures]:
         say(f"Warning: {warning}")
     say(summary_of_files(directory))
+    for line in left_out_lines(directory):
+        say(line)
     if failures:
         raise typer.Exit(1)
 

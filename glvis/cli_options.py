@@ -29,6 +29,13 @@ Overwrite = Annotated[
 NoPictures = Annotated[
     bool, typer.Option("--no-pictures", help="Leave the pictures out; 'render' makes them later.")
 ]
+AllPictures = Annotated[
+    bool,
+    typer.Option(
+        "--all-pictures",
+        help="Pictures of every model and every sensor, however many there are.",
+    ),
+]
 NoMeshes = Annotated[
     bool,
     typer.Option(

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from glvis.cli_options import Overwrite, ResultFolder
+from glvis.cli_options import AllPictures, Overwrite, ResultFolder
 from glvis.errors import StudyError
 
 commands = typer.Typer()
@@ -41,15 +41,16 @@ def render(
             "the others stay.",
         ),
     ] = None,
+    all_pictures: AllPictures = False,
 ) -> None:
     """Make the pictures and the page of a result again.
 
     Poses and maps are those of the result; its meshes are read again.
     """
-    from glvis.outputs.delivery import Look, render_again
+    from glvis.outputs.delivery import Look, left_out_lines, render_again
     from glvis.terminal import say
 
-    look = Look(color=color)
+    look = Look(color=color, all_pictures=all_pictures)
     if size:
         width, height = _two_numbers("--size", size, "x", "1920x1080")
         look = replace(look, size=(round(width), round(height)))
@@ -57,6 +58,7 @@ def render(
         look = replace(look, view=_two_numbers("--view", view, ",", "30,20"))
     names = render_again(result, look)
     say(_pictures_line(names, result))
+    _say_all(left_out_lines(result))
 
 
 def _two_numbers(option: str, text: str, between: str, example: str) -> tuple[float, float]:

@@ -41,6 +41,7 @@ def optimize_many(
     overwrite: bool,
     warnings: Callable[[Study], list[str]],
     pictures: bool,
+    all_pictures: bool,
     meshes: bool,
 ) -> None:
     """Do what ``optimize`` does, for many runs; exit code 1 where pictures failed."""
@@ -82,7 +83,7 @@ def optimize_many(
         assert study
         with series_folder(directory, plan, study.text, overwrite=overwrite):
             done = run_all()
-    _finish(directory, plan, pictures and done)
+    _finish(directory, plan, pictures and done, all_pictures)
 
 
 class _Teller:
@@ -121,9 +122,9 @@ class _Teller:
                 self._said.add(sentence)
 
 
-def _finish(directory: Path, plan: Plan, pictures: bool) -> None:
+def _finish(directory: Path, plan: Plan, pictures: bool, all_pictures: bool) -> None:
     """Draw what is known, make the pictures of the best runs, and say it all."""
-    from glvis.outputs.delivery import VIEWS, render_again
+    from glvis.outputs.delivery import VIEWS, Look, left_out_lines, render_again
     from glvis.outputs.series import best_runs
     from glvis.outputs.series_tables import write_plot, write_series
     from glvis.outputs.series_words import series_lines
@@ -137,7 +138,9 @@ def _finish(directory: Path, plan: Plan, pictures: bool) -> None:
             continue
         say(f"Making the pictures of {path.name} ...", error=True)
         try:
-            render_again(path)
+            render_again(path, Look(all_pictures=all_pictures))
+            for line in left_out_lines(path):
+                say(line, error=True)
         except KeyboardInterrupt:
             failures.append(
                 f"pictures were left out on Ctrl-C; {command('render', path)} makes them"

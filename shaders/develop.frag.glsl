@@ -24,23 +24,24 @@ float distance_at(ivec2 at) {
                              : unproject.x + unproject.z * z;
 }
 
-// How much a neighbour stands out, -limit .. limit; what is far in front darkens less.
+// How much a neighbour stands out, -limit .. limit; what is far in front, as a table over the
+// floor, darkens nothing: it would smear.
 float nearer(float by, float limit) {
-    return clamp(by, -limit, limit) * clamp(1.75 - 0.25 * by / reach, 0.0, 1.0);
+    return clamp(by, -limit, limit) * clamp(2.0 - by / reach, 0.0, 1.0);
 }
 
 // Software rasterisers skip no branch, but they do leave loops: hence turns that may be 0.
 float crevice(ivec2 here, float middle, int turns) {
     float hidden = 0.0;
     for (int i = 0; i < turns; ++i) {   // a Vogel spiral: even over the disc
-        float r = radius * sqrt((float(i) + 0.6) / 9.0), angle = 2.399963 * float(i);
+        float r = radius * sqrt((float(i) + 0.6) / 16.0), angle = 2.399963 * float(i);
         ivec2 offset = ivec2(round(r * vec2(cos(angle), sin(angle))));
         float limit = reach * length(vec2(offset)) / radius + 1e-6;
         float a = nearer(middle - distance_at(here + offset), limit);
         float b = nearer(middle - distance_at(here - offset), limit);
         hidden += max(0.0, a + b) / (2.0 * limit);
     }
-    return 1.0 - strength * 0.75 * smoothstep(0.0, 0.75, hidden / 9.0);
+    return 1.0 - strength * 0.6 * smoothstep(0.0, 0.75, hidden / 16.0);
 }
 
 float rim(ivec2 here, float middle, int turns) {
@@ -56,16 +57,19 @@ void main() {
     ivec2 corner = ivec2(gl_FragCoord.xy) * samples;
     ivec2 inner = corner + samples / 2;
     bool is_covered = depth_at(inner) < 1.0;
-    float light = crevice(inner, distance_at(inner), is_covered ? 9 : 0);
+    float light = crevice(inner, distance_at(inner), is_covered ? 16 : 0);
     vec3 sum = vec3(0.0);
+    float front = 1.0;         // 0 where a sample shows a back
     for (int y = 0; y < samples; ++y) {
         for (int x = 0; x < samples; ++x) {
             ivec2 here = corner + ivec2(x, y);
             is_covered = depth_at(here) < 1.0;
             float dark = light * rim(here, distance_at(here), is_covered ? 2 : 0);
             vec4 line = texelFetch(lines, here, 0);
-            sum += texelFetch(lit, here, 0).rgb * (is_covered ? dark : 1.0) * (1.0 - line.a) + line.rgb;
+            vec4 face = texelFetch(lit, here, 0);
+            front = min(front, face.a);
+            sum += face.rgb * (is_covered ? dark : 1.0) * (1.0 - line.a) + line.rgb;
         }
     }
-    fragment = vec4(sum / float(samples * samples), 1.0);
+    fragment = vec4(sum / float(samples * samples), front);
 }

@@ -38,5 +38,5 @@ void main() {
                + key * vec3(0.50, 0.48, 0.45) + 0.28 * facing;
     light = mix(vec3(1.0), light, relief);
     vec3 srgb = pow(clamp(albedo * light, 0.0, 1.0), vec3(1.0 / 2.2));
-    fragment = vec4(srgb, 1.0);
+    fragment = vec4(srgb, is_front ? 1.0 : 0.0);   // the legend wants to know of backs
 }

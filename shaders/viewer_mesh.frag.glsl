@@ -16,7 +16,8 @@ uniform vec3 key_light;   // unit, towards the light
 uniform int marked;       // face under the pointer, -1 for none
 uniform float edges;      // opacity of the mesh's edges, 0 .. 1
 uniform float pixel;      // device pixels a CSS pixel
-uniform float ghost;      // below 1: only unseen faces, as a veil over what hides them
+uniform float ghost;      // below 1: only unseen faces, flat, as a veil over what hides them
+uniform float veil;       // opacity of what one looks through, else 1
 out vec4 fragment;
 
 const uint UNSEEN = 0u;
@@ -24,7 +25,11 @@ const uint UNSEEN = 0u;
 void main() {
     int width = textureSize(paint, 0).x;
     uint entry = texelFetch(paint, ivec2(face % width, face / width), 0).r;
-    if (ghost < 1.0 && entry != UNSEEN) discard;
+    if (ghost < 1.0) {
+        if (entry != UNSEEN) discard;
+        fragment = vec4(texelFetch(palette, ivec2(entry, 0), 0).rgb, 1.0) * ghost;
+        return;
+    }
     vec3 to_eye = normalize(eye - world_position);
     vec3 n = world_normal;
     if (dot(n, n) < 0.01) n = cross(dFdx(world_position), dFdy(world_position));
@@ -56,5 +61,5 @@ void main() {
     if (face == marked) lit = mix(lit, vec3(1.0), 0.35 + 0.65 * (1.0 - smoothstep(1.0, 2.2, near_edge)));
 
     vec3 srgb = pow(clamp(lit, 0.0, 1.0), vec3(1.0 / 2.2));
-    fragment = vec4(srgb, 1.0) * ghost;
+    fragment = vec4(srgb, 1.0) * veil;
 }

@@ -273,7 +273,7 @@ def test_nothing_is_written_outside_the_result_folder(glvis_cli, study, tmp_path
 
 
 def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, monkeypatch):
-    def no_pictures(placement, directory):
+    def no_pictures(placement, directory, look):
         (directory / "views").mkdir()
         (directory / "views" / "half.png").touch()
         raise MachineError("no more memory on the GPU")
@@ -289,7 +289,7 @@ def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, m
 
 
 def test_ctrl_c_while_pictures_are_made_leaves_the_result(glvis_cli, study, tmp_path, monkeypatch):
-    def interrupted(placement, directory):
+    def interrupted(placement, directory, look):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("glvis.outputs.delivery.write_pictures", interrupted)

@@ -9,10 +9,11 @@ import pytest
 import shapes
 from studies import SMALL, write_small_study
 
+from glvis.inputs.regions import regions
 from glvis.inputs.scene import Model
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
-from glvis.outputs.explain import REASONS, SEEN, regions, unseen_reasons, values_without
+from glvis.outputs.explain import REASONS, SEEN, unseen_reasons, values_without
 from glvis.outputs.explain_words import explain_lines, facing_words
 from glvis.sight.visibility import VisibilityOptions
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import studies
 from PIL import Image
-from shapes import plate
+from shapes import cube, flipped, plate, write_off
 
 from glvis.camera import Intrinsics, camera_to_world
 from glvis.drawing.coloring import (
@@ -24,11 +24,23 @@ from glvis.drawing.coloring import (
     seen_by_one,
     share,
 )
-from glvis.drawing.glyphs import sensor_bodies, sensor_lines
+from glvis.drawing.framing import View
+from glvis.drawing.glyphs import frustum_corners, sensor_bodies, sensor_lines
 from glvis.drawing.palette import SEEN_COLOR, UNSEEN_COLOR, overlap_colors, sensor_colors
 from glvis.drawing.pictures import write_views
-from glvis.drawing.places import Box, grid, label_places, number, readable, round_length, ticks
+from glvis.drawing.places import (
+    Box,
+    grid,
+    halves,
+    label_places,
+    length_words,
+    number,
+    readable,
+    round_length,
+    ticks,
+)
 from glvis.drawing.plots import write_convergence
+from glvis.drawing.scenesheets import neutral_rows, perspective_sheet, subtitle
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage, extreme_points
 from glvis.inputs.scene import Model
@@ -154,6 +166,69 @@ def test_view_through_one_sensor_tells_seen_from_refused():
     assert "nearer than 2\u00a0mm" in painted.note
 
 
+def test_shares_are_of_the_area_where_the_objective_is(ring):
+    study, poses, maps = ring
+    by_area = replace(study, objective=replace(study.objective, by_area=True))
+    visible = np.zeros_like(maps[0].visible)
+    areas = study.models[0].areas
+    visible[0, np.argsort(areas)[len(areas) // 2 :]] = True  # the larger half
+    area = 100 * areas[visible[0]].sum() / areas.sum()
+    assert area > 52
+    for one, expected, whole in ((study, 50.0, "2,304 faces"), (by_area, area, "the area")):
+        with Stage(one, poses) as stage:
+            seen = stage.show(0, replace(maps[0], visible=visible))
+            text = subtitle(stage).replace("\u00a0", " ")
+        assert f"{expected:.1f} % of {whole} seen by at least one of 3 sensors" in text
+        values = [row.value for row in coloring("unseen", seen).swatches]
+        assert values[1] == share(expected / 100)
+        assert coloring("unseen", seen).heading == ("area" if one is by_area else "faces")
+
+
+def test_counts_have_their_thousands_parted_everywhere(ring):
+    study, poses, maps = ring
+    with Stage(study, poses) as stage:
+        seen = stage.show(0, maps[0])
+    assert "of 2,304 faces" in coloring("unseen", seen).note
+
+
+def test_legend_names_backs_only_where_one_is_drawn(tmp_path):
+    write_off(tmp_path / "ring.off", plate(200, 200))
+    write_off(tmp_path / "pad.off", plate(1, 1, center=(0, 0, -90)))
+    (tmp_path / "ring.toml").write_text(gallery.STUDY)
+    study = load_study(tmp_path / "ring.toml")
+    found = VisibilityMap("ring", study.sensor_names, np.ones((3, 2), bool))
+    listed = []
+    with Stage(study, gallery.start_poses(study)) as stage:
+        seen = stage.show(0, found)
+        stage.paint(coloring("sensor", seen).colors)
+        for elevation in (40.0, -40.0):
+            stage.shows_backs = False
+            view = View("perspective", 30.0, elevation, is_parallel=False)
+            stage.picture(stage.eye(view, (160, 100), with_rig=False), (160, 100))
+            listed.append([row.label for row in neutral_rows(stage)])
+    assert listed == [["obstacle"], ["back of a face", "obstacle"]]
+
+
+def test_room_is_looked_into_through_the_backs_of_its_walls(tmp_path):
+    room = flipped(cube(400.0))
+    write_off(tmp_path / "ring.off", room)
+    write_off(tmp_path / "pad.off", cube(1.0))
+    inside = gallery.STUDY.replace("260, -180, 160", "60, -80, 60").replace(
+        "-300, -60, 120", "-90, -60, 20"
+    )
+    (tmp_path / "ring.toml").write_text(inside)
+    study = load_study(tmp_path / "ring.toml")
+    found = VisibilityMap("ring", study.sensor_names, np.ones((3, 12), bool))
+    with Stage(study, gallery.start_poses(study)) as stage:
+        assert stage.is_room
+        painted = coloring("overlap", stage.show(0, found))
+        stage.paint(painted.colors)
+        sheet = perspective_sheet(stage, painted, (640, 400)).pixels().astype(int)
+        assert [row.label for row in neutral_rows(stage)] == ["obstacle"]
+    middle = sheet[100:300, 100:400]
+    assert np.mean(np.ptp(middle, axis=2) > 25) > 0.5  # its walls from within, not grey backs
+
+
 def test_unknown_colouring_is_refused():
     with pytest.raises(ValueError, match="color = 'rainbow' must be one of sensor, overlap"):
         coloring("rainbow", seen_plate([[1, 1]]))
@@ -182,16 +257,30 @@ def test_scale_bar_has_a_round_length_that_fits(longest, length):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (1234, "1234"),
-        (12345.5, "12 345.5"),
-        (3e6, "3 000 000"),
+        (999, "999"),
+        (1234, "1,234"),
+        (-12345.5, "−12,345.5"),
+        (3e6, "3,000,000"),
         (-0.5, "−0.5"),
         (1e-5, "0.00001"),
         (2e-9, "2e−09"),
     ],
 )
 def test_numbers_are_written_for_people(value, text):
-    assert number(value).replace("\u00a0", " ") == text
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (200, "mm", "200 mm"),
+        (2, "in", "2 inches"),
+        (1, "in", "1 inch"),
+        (0.5, "inch", "0.5 inches"),
+    ],
+)
+def test_inches_are_no_preposition(value, unit, text):
+    assert length_words(value, unit).replace("\u00a0", " ") == text
 
 
 def test_grid_fills_its_box():
@@ -227,21 +316,82 @@ def test_text_colours_are_dark_enough_for_white():
 # -- glyphs
 
 
-def test_frustum_lines_end_where_the_sensor_does():
+def test_axis_ends_at_what_the_sensor_aims_at_and_the_frustum_long_before():
     pose = camera_to_world([1, 2, 3], [0, 1, 0])[None]
-    ends, colors, widths = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, with_frusta=True)
+    aims = np.array([8.0])
+    made = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, aims, with_frusta=True)
+    ends, colors, widths = made
     assert ends.shape == (len(widths), 2, 3)
     assert colors.shape == (len(widths), 4)
     points = ends.reshape(-1, 3) - [1, 2, 3]
     depth = points[:, 1]  # the camera looks along +y
-    assert depth.max() == pytest.approx(CAM.max_distance)
-    far = points[np.isclose(depth, CAM.max_distance) & (np.abs(points[:, 0]) > 1e-9)]
+    assert depth.max() == pytest.approx(8.0)
+    frustum = points[np.abs(points[:, 0]) > 0.45]  # beyond the glyph
+    length = frustum[:, 1].max()
+    assert length < 0.5 * 8.0
+    far = frustum[np.isclose(frustum[:, 1], length)]
     tan = CAM.intrinsics.tan_half
-    np.testing.assert_allclose(np.abs(far[:, 0]), tan[0] * CAM.max_distance)
-    np.testing.assert_allclose(np.abs(far[:, 2]), tan[1] * CAM.max_distance)
-    assert np.isclose(depth, CAM.min_distance).any()
-    without = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, with_frusta=False)[0]
+    np.testing.assert_allclose(np.abs(far[:, 0]), tan[0] * length)
+    np.testing.assert_allclose(np.abs(far[:, 2]), tan[1] * length)
+    corners = frustum_corners(pose, [CAM], 0.5, aims)[0] - [1, 2, 3]
+    np.testing.assert_allclose(corners[:, 1], length)
+    without = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, aims, with_frusta=False)[0]
     assert len(without) < len(ends)
+
+
+@pytest.mark.parametrize("aim", [20.0, np.inf])
+def test_no_line_is_longer_than_the_sensor_reaches(aim):
+    pose = camera_to_world([0, 0, 0], [0, 1, 0])[None]
+    made = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, np.array([aim]), with_frusta=True)
+    assert made[0][..., 1].max() <= CAM.max_distance + 1e-9
+
+
+def test_sensors_aim_at_the_first_surface_on_their_axis(ring):
+    study, poses, maps = ring
+    with Stage(study, poses) as stage:
+        stage.show(0, maps[0])
+        aims = stage.aims()
+    # A looks at the ring's near or far side: a torus of radii 80 and 28 about the origin
+    points = poses[:, :3, 3] - aims[:, None] * poses[:, :3, 2]
+    hit = np.isfinite(aims)
+    assert hit.any()
+    for x, y, z in points[hit]:
+        on_torus = math.hypot(math.hypot(x, y) - 80, z)
+        on_pad = abs(z + 40) < 1.5 and max(abs(x), abs(y)) < 72
+        assert on_pad or on_torus == pytest.approx(28, abs=2.0)
+
+
+def test_frusta_end_inside_the_picture(ring):
+    study, poses, maps = ring
+    with Stage(study, poses) as stage:
+        stage.show(0, maps[0])
+        corners = frustum_corners(poses, study.sensors, stage.body_size, stage.aims())
+        for view in stage.views().values():
+            eye = stage.eye(view, (320, 200), with_rig=True)
+            pixels = eye.project(corners.reshape(-1, 3), (320, 200))
+            assert ((pixels >= 0) & (pixels <= [320, 200])).all()
+
+
+def test_model_fills_a_panel_of_its_own_where_sensors_stand_far_off(ring):
+    study, poses, maps = ring
+    sizes = []
+    for far in (1.0, 4.0):
+        moved = poses.copy()
+        moved[:, :3, 3] *= far
+        with Stage(study, moved) as stage:
+            painted = coloring("sensor", stage.show(0, maps[0]))
+            stage.paint(painted.colors)
+            picture = perspective_sheet(stage, painted, (640, 400)).pixels().astype(int)
+        panels = picture[45:340, :480]
+        sizes.append(np.mean(np.ptp(panels, axis=2) > 40))
+    assert sizes[1] > 0.6 * sizes[0]  # colour on the sheet: the ring is as large as before
+
+
+def test_halves_share_a_box():
+    first, second = halves(Box(10, 20, 210, 110), 0.4, 10, stacked=False)
+    assert (first.x, first.width, second.x, second.right) == (10, 80, 100, 220)
+    first, second = halves(Box(10, 20, 210, 110), 0.5, 10, stacked=True)
+    assert (first.y, first.height, second.y, second.bottom) == (20, 50, 80, 130)
 
 
 def test_bodies_are_closed_wind_outward_and_point_where_the_sensor_looks():
@@ -281,6 +431,22 @@ def test_text_is_broken_between_words_and_never_at_hard_spaces():
     sheet = Sheet((400, 400), unit=1.0)
     lines = sheet.wrapped("alpha beta 20\u00a0% gamma", sheet.text_width("alpha beta 20", 15), 15)
     assert lines == ["alpha beta", "20\u00a0% gamma"]
+
+
+def test_line_breaks_in_names_are_blanks(ring):
+    sheet = Sheet((300, 100), unit=1.0)
+    assert sheet.text_width("two\nlines\x07") == sheet.text_width("two lines ")
+    sheet.heading("two\nlines", "sub\ttitle\r")
+    assert ink(sheet).any()
+
+
+def test_money_in_a_title_is_no_formula(tmp_path):
+    pictures = []
+    for title in ("from 5 to 7 $", "from $5 to 7 $", "from $\\frac{5$ to 7"):
+        options = {"title": title, "quantity": "OF3", "size": (320, 200)}
+        write_convergence(tmp_path / "c.png", trace(), **options)
+        pictures.append(np.array(Image.open(tmp_path / "c.png")))
+    assert (pictures[0] != pictures[1]).any()
 
 
 def test_long_titles_are_cut_with_an_ellipsis():

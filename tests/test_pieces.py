@@ -261,7 +261,7 @@ def test_shares_are_of_the_area_as_soon_as_anything_is_cut():
     ball = model(shapes.cube(1.0), "ball")
     found = cut(plate, 0.5)
     assert noun_of_shares([plate, ball]) == "faces"
-    assert noun_of_shares([found, ball]) == "area"
+    assert noun_of_shares([found, ball]) == noun_of_shares([plate, ball], by_area=True) == "area"
     lower = ball.centroids[:, 2] < 0
     assert share_of(ball, lower, "faces") == pytest.approx(0.5)
     # a dozen faces of one side and one of the other: by area half, by faces not

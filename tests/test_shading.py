@@ -7,7 +7,8 @@ from shapes import cube, icosphere, merged, plate, triangle
 from glvis.camera import camera_to_world, projection_matrix
 from glvis.drawing.coloring import BACK_COLOR
 from glvis.drawing.framing import Eye, View, fitted_eye
-from glvis.drawing.shading import Canvas, Lines, Solid, corner_normals
+from glvis.drawing.normals import corner_normals
+from glvis.drawing.shading import Canvas, Lines, Solid
 from glvis.errors import MachineError
 from glvis.sight.context import gl_context
 
@@ -227,6 +228,79 @@ def test_corner_normals_are_smooth_on_a_ball_and_sharp_on_a_cube():
     normals = corner_normals(*box)
     expected = np.repeat(np.vstack([-np.eye(3), np.eye(3)])[[0, 3, 1, 4, 2, 5]], 2, axis=0)
     np.testing.assert_allclose(normals, np.repeat(expected[:, None], 3, axis=1), atol=1e-12)
+
+
+def filleted_block():
+    """A flat top of large triangles, a quarter round of small ones, and a flat side."""
+    angles = np.radians(np.linspace(0, 90, 7))
+    arc = [(np.sin(a), np.cos(a)) for a in angles]
+    # with narrow strips beside the round, as meshers make them
+    profile = [(-20, 1), (-0.03, 1), *arc, (1, -0.03), (1, -20)]  # x, z
+    y = np.linspace(0, 30, 12)
+    vertices = np.array([(x, v, z) for x, z in profile for v in y])
+    n, m = len(profile), len(y)
+    at = np.arange(n * m).reshape(n, m)
+    a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
+    quads = np.stack([a, b, c, d], axis=2).reshape(-1, 4)
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return vertices, faces
+
+
+def test_flat_sides_beside_a_fillet_are_even():
+    vertices, faces = filleted_block()
+    normals = corner_normals(vertices, faces)
+    own = np.cross(
+        vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
+    )
+    own /= np.linalg.norm(own, axis=1, keepdims=True)
+    is_flat = (np.abs(own) > 0.9999).any(axis=1)
+    assert 0 < is_flat.sum() < len(faces)
+    cosine = np.einsum("fck,fk->fc", normals, own)
+    lean = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    assert lean[is_flat].max() < 2.0  # no streaks: even is what is flat
+    assert lean[~is_flat].max() > 4.0  # while the round is smooth
+
+
+def test_normals_of_many_faces_at_a_sharp_vertex_are_those_of_few_at_a_time(monkeypatch):
+    vertices, faces = merged(cube(), icosphere(2))
+    whole = corner_normals(vertices, faces)
+    monkeypatch.setattr("glvis.drawing.normals._PAIRS", 5)
+    np.testing.assert_array_equal(corner_normals(vertices, faces), whole)
+
+
+@pytest.mark.parametrize("elevation", [30, -30])
+def test_sheet_modelled_from_both_sides_shows_its_front_wherever_one_stands(elevation):
+    red, blue = plate(20, 20, cells=(7, 7)), plate(20, 20, cells=(7, 7))
+    both = merged(red, (blue[0], blue[1][:, ::-1]))
+    made = Solid(*both, origin=(0, 0, 0))
+    made.paint(np.repeat([RED, BLUE], len(red[1]), axis=0))
+    eye = fitted_eye(UP, View("any", 20, elevation, is_parallel=False), both[0], 1.0)
+    picture = flat((90, 90), [made], eye)
+    inner = picture[40:50, 30:60].reshape(-1, 3).astype(int)
+    assert (np.abs(inner - (RED if elevation > 0 else BLUE)).max(axis=1) <= 2).all()
+
+
+def test_table_over_a_floor_smears_nothing_on_it():
+    floor, table = plate(60, 60), plate(10, 10, center=(0, 0, 2.5))
+    with Canvas((200, 200)) as canvas:
+        made = solid(merged(floor, table), (180, 180, 180))
+        eye = looking_down((200, 200), 20)
+        picture = canvas.image(eye, [made], origin=(0, 0, 0), up=UP)[..., 0].astype(int)
+    far, beside = picture[100, 190], picture[100, 126:132]  # the table ends at 125
+    assert (np.abs(beside - far) <= 3).all()
+
+
+def test_canvas_says_whether_it_shows_a_back():
+    shown = []
+    with Canvas((40, 40)) as canvas:
+        for shape in (plate(20, 20), (plate(20, 20)[0], plate(20, 20)[1][:, ::-1])):
+            made = solid(shape, RED)
+            for cut_away in (False, True):
+                canvas.image(
+                    looking_down((40, 40)), [made], origin=(0, 0, 0), up=UP, cut_away=cut_away
+                )
+                shown.append(canvas.shows_backs)
+    assert shown == [False, False, True, False]
 
 
 def test_face_without_area_is_harmless():

@@ -21,7 +21,7 @@ from glvis.drawing.palette import (
     rgb,
     sensor_colors,
 )
-from glvis.drawing.places import number
+from glvis.drawing.places import length_words, number
 from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
@@ -77,6 +77,8 @@ class Coloring:
         What a reader must know besides.
     heading : str
         Over the values of the swatches.
+    facts : str
+        What is seen in all, in a few words; empty takes those of the map.
     """
 
     title: str
@@ -85,6 +87,7 @@ class Coloring:
     bar: Bar | None = None
     note: str = ""
     heading: str = "faces"
+    facts: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,8 @@ class Seen:
         Of lengths.
     by_axis : bool
         Whether incidence means the angle to the optical axis instead of the ray.
+    by_area : bool
+        Whether the objective weighs faces by their area, and shares are therefore of the area.
     most : int
         Most sensors that see one face of any model shown beside this one, so that a count has
         the same colour on all.
@@ -116,12 +121,13 @@ class Seen:
     camera_to_world: Floats
     unit: str
     by_axis: bool = False
+    by_area: bool = False
     most: int = 1
 
     @property
     def noun(self) -> str:
-        """What shares are shares of: "faces", or "area" where they were cut."""
-        return noun_of_shares([self.model])
+        """What shares are shares of: "faces" or "area"; see ``noun_of_shares``."""
+        return noun_of_shares([self.model], self.by_area)
 
     def share(self, chosen: NDArray[np.bool_]) -> str:
         """Return the share of some faces (F,), see ``noun``, in percent."""
@@ -206,8 +212,8 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
             Swatch(colors[s], f"seen by {name}", seen.share(visible)),
             Swatch(SEEN_COLOR, "not counted", seen.share(~visible)),
         ],
-        note=f"Not counted: nearer than {number(sensor.min_distance)}\u00a0{seen.unit}, "
-        f"farther than {number(sensor.max_distance)}\u00a0{seen.unit}, more oblique than {angle}, "
+        note=f"Not counted: nearer than {length_words(sensor.min_distance, seen.unit)}, "
+        f"farther than {length_words(sensor.max_distance, seen.unit)}, more oblique than {angle}, "
         "hidden, or outside the picture.",
         heading=seen.noun,
     )
@@ -304,9 +310,9 @@ def _by_value(
     colors = ramp_colors(np.where(is_unseen, bar.low, value), bar.low, bar.high)
     known = value[~is_unseen]
     if len(known):
-        median = number(float(f"{np.median(known):.3g}"))
-        gap = "" if bar.unit == "°" else "\u00a0"
-        note = f"Median {median}{gap}{bar.unit}. {note}"
+        median = float(f"{np.median(known):.3g}")
+        words = f"{number(median)}°" if bar.unit == "°" else length_words(median, bar.unit)
+        note = f"Median {words}. {note}"
     painted = _with_unseen(colors, is_unseen)
     return Coloring(title, painted, [unseen_swatch(seen)], bar, note, seen.noun)
 
@@ -322,7 +328,7 @@ def _by_unseen(seen: Seen) -> Coloring:
             unseen_swatch(seen),
             Swatch(SEEN_COLOR, "seen", seen.share(~is_unseen)),
         ],
-        note=f"{np.count_nonzero(is_unseen)} of {len(is_unseen)} {parts}, "
+        note=f"{np.count_nonzero(is_unseen):,} of {len(is_unseen):,} {parts}, "
         f"{share(share_of(seen.model, is_unseen, 'area'))} of the area.",
         heading=seen.noun,
     )

@@ -106,6 +106,15 @@ def towards_eye(up: ArrayLike, azimuth_deg: float, elevation_deg: float) -> Floa
     return level * math.cos(elevation) + z * math.sin(elevation)
 
 
+def direction_angles(up: ArrayLike, direction: ArrayLike) -> tuple[float, float]:
+    """Return azimuth and elevation, degrees, of the view from a direction (3,) off the scene."""
+    right, forward, z = level_axes(up)
+    d = np.asarray(direction, dtype=float)
+    level = math.hypot(float(d @ right), float(d @ forward))
+    azimuth = math.degrees(math.atan2(float(d @ right), -float(d @ forward))) if level else 0.0
+    return azimuth % 360, math.degrees(math.atan2(float(d @ z), level))
+
+
 def view_axes(up: ArrayLike, view: View) -> Floats:
     """Return right, up and backwards of a view's image as columns (3, 3)."""
     right, forward, _ = level_axes(up)

@@ -21,6 +21,10 @@ _BOX = (0.42, 0.30, 0.55)
 _PLANE = 0.55  # half of the image plane's longer side
 _BOX_SHADE = 0.45  # the box is this much darker than the sensor's colour
 
+# A frustum is drawn as far as this share of the way to what the sensor aims at, fading, and at
+# least so many sizes of a body: whole ones run out of the picture and into a ball of thread.
+_SHARE, _LEAST = 0.3, 2.0
+_FADING = ((0.0, 0.4, 0.6), (0.4, 0.75, 0.42), (0.75, 1.0, 0.28))  # from, to, opacity
 _CLEAR = 8  # sensors whose frusta can be told apart; those of more are drawn fainter
 
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
@@ -80,19 +84,22 @@ def sensor_lines(
     sensors: Sequence[Sensor],
     colors: Colors,
     size: float,
+    aims: Floats,
     *,
     with_frusta: bool,
 ) -> tuple[Floats, Colors, Floats]:
     """Return ends (N, 2, 3), colours (N, 4) and widths (N,) of the lines of all sensors.
 
-    An axis from the image plane to maxD with a mark at minD, a roof over the image plane that
-    says where its up is, and with ``with_frusta`` the edges of the field of view from minD to
-    maxD, fainter before minD.
+    An axis from the image plane to what the sensor aims at, no farther than maxD; a roof over the
+    image plane that says where its up is; and with ``with_frusta`` the edges of the field of view
+    for the first part of that way.
 
     Parameters
     ----------
     camera_to_world, sensors, colors, size
         As for ``sensor_bodies``.
+    aims : (S,) float
+        Distance along each axis to the first surface, scene unit; inf where there is none.
     with_frusta : bool
         Whether to draw the frusta.
     """
@@ -104,21 +111,40 @@ def sensor_lines(
         tints.append(np.tile([*color, round(255 * opacity)], (len(segments), 1)))
         widths.append(np.full(len(segments), width))
 
-    for pose, sensor, color in zip(camera_to_world, sensors, _darkened(colors), strict=True):
-        near, far = (_section(sensor, d) for d in (sensor.min_distance, sensor.max_distance))
+    lengths = _frustum_lengths(sensors, size, aims)
+    for pose, sensor, color, length, aim in zip(
+        camera_to_world, sensors, _darkened(colors), lengths, aims, strict=True
+    ):
         plane = _image_plane(sensor) * size
-        axis = np.array([[0, 0, plane[0, 2]], [0, 0, -sensor.max_distance]])
+        end = min(aim, sensor.max_distance) if np.isfinite(aim) else length
+        axis = np.array([[0, 0, plane[0, 2]], [0, 0, -max(end, -plane[0, 2])]])
         add(axis[None], pose, color, 0.85, 1.6)
         top = plane[3:1:-1]
         ridge = (top[0] + top[1]) / 2
         ridge[1] += 0.3 * size
         add(np.array([[top[0], ridge], [ridge, top[1]]]), pose, color, 1.0, 2.0)
         if with_frusta:
-            add(_loop(near), pose, color, 0.50 * faint, 1.1)
-            add(_loop(far), pose, color, 0.50 * faint, 1.1)
-            add(np.stack([near, far], axis=1), pose, color, 0.38 * faint, 1.1)
-            add(np.stack([np.zeros_like(near), near], axis=1), pose, color, 0.22 * faint, 1.0)
+            far = _section(sensor, length)
+            for begin, stop, opacity in _FADING:
+                edges = np.stack([begin * far, stop * far], axis=1)
+                add(edges, pose, color, opacity * faint, 1.3)
+            add(_loop(far), pose, color, _FADING[-1][2] * faint, 1.3)
     return np.concatenate(ends), np.concatenate(tints).astype(np.uint8), np.concatenate(widths)
+
+
+def frustum_corners(
+    camera_to_world: Floats, sensors: Sequence[Sensor], size: float, aims: Floats
+) -> Floats:
+    """Return where the drawn frusta end, world points (S, 4, 3); see ``sensor_lines``."""
+    lengths = _frustum_lengths(sensors, size, aims)
+    local = [_section(sensor, length) for sensor, length in zip(sensors, lengths, strict=True)]
+    return sensor_points(camera_to_world, np.array(local).reshape(-1, 4, 3))
+
+
+def _frustum_lengths(sensors: Sequence[Sensor], size: float, aims: Floats) -> Floats:
+    """Return how deep each frustum is drawn, (S,) scene unit."""
+    most = np.array([sensor.max_distance for sensor in sensors], dtype=float)
+    return np.minimum(np.maximum(_SHARE * np.minimum(aims, most), _LEAST * size), most)
 
 
 def _image_plane(sensor: Sensor) -> Floats:

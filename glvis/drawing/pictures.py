@@ -11,8 +11,16 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from glvis.drawing.coloring import KINDS, coloring
+from glvis.drawing.modelsheets import MODELS_A_SHEET, models_sheet
 from glvis.drawing.plots import TraceLike, write_convergence
-from glvis.drawing.scenesheets import SIZE, close_sheet, perspective_sheet, sides_sheet
+from glvis.drawing.scenesheets import (
+    SIZE,
+    close_sheet,
+    perspective_sheet,
+    sides_sheet,
+    unseen_sheet,
+)
+from glvis.drawing.selection import Chosen, chosen_pictures, worst_models
 from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
@@ -35,13 +43,16 @@ def write_views(
     size: tuple[int, int] = SIZE,
     view: tuple[float, float] | None = None,
     color: str | None = None,
+    all_pictures: bool = False,
 ) -> list[Path]:
     """Write the pictures of placed sensors as PNG.
 
     For each model MODEL: ``MODEL-sensor-perspective``, ``MODEL-sensor-sides``,
     ``MODEL-overlap-perspective``, ``MODEL-overlap-sides``, ``MODEL-incidence``,
     ``MODEL-distance``, ``MODEL-unseen`` and ``MODEL-contact``. For each sensor NAME, looking at
-    the first model: ``sensor-NAME`` and ``sensor-NAME-depth``. With a trace: ``convergence``.
+    the first of them: ``sensor-NAME`` and ``sensor-NAME-depth``. With a trace: ``convergence``.
+    Of many models or sensors only some are shown one by one, see ``selection``; then
+    ``models-1``, ``models-2`` ... show all models, the least seen first.
 
     Parameters
     ----------
@@ -64,6 +75,8 @@ def write_views(
         ``framing``.
     color : str, optional
         Only the pictures of the scene with this colouring, one of ``coloring.KINDS``.
+    all_pictures : bool
+        Whether every model and every sensor is shown, however many there are.
 
     Returns
     -------
@@ -83,11 +96,12 @@ def write_views(
         raise ValueError(
             f"size = {size[0]} x {size[1]} must be at least {_SMALLEST} x {_SMALLEST} pixels"
         )
+    chosen = chosen_pictures(study, maps, all_pictures=all_pictures)
     paths: list[Path] = []
     # One thread draws while another packs what is drawn.
     with Stage(study, camera_to_world) as stage, ThreadPoolExecutor(max_workers=1) as pool:
         pending: list[Future[None]] = []
-        for name, sheet in _sheets(stage, maps, size, view, color):
+        for name, sheet in _sheets(stage, maps, chosen, size, view, color):
             paths.append(_unused(directory, name, paths))
             pending.append(pool.submit(sheet.save, paths[-1]))
             while len(pending) > _WAITING:
@@ -114,14 +128,15 @@ def write_views(
 def _sheets(
     stage: Stage,
     maps: Sequence[VisibilityMap],
+    chosen: Chosen,
     size: tuple[int, int],
     view: tuple[float, float] | None,
     color: str | None,
 ) -> Iterator[tuple[str, Sheet]]:
     """Yield the sheets with their names, each ready to be saved."""
     most = max(int(seen_map.counts.max(initial=0)) for seen_map in maps)
-    for m, seen_map in enumerate(maps):
-        seen = replace(stage.show(m, seen_map), most=most)
+    for m in chosen.models:
+        seen = replace(stage.show(m, maps[m]), most=most)
         model = seen.model.name
         for kind in [color] if color else KINDS:
             painted = coloring(kind, seen)
@@ -130,12 +145,20 @@ def _sheets(
                 yield f"{model}-{kind}-perspective", perspective_sheet(stage, painted, size, view)
                 yield f"{model}-{kind}-sides", sides_sheet(stage, painted, size, view)
             else:
-                yield f"{model}-{kind}", close_sheet(stage, painted, size, view)
+                lay_out = unseen_sheet if kind == "unseen" else close_sheet
+                yield f"{model}-{kind}", lay_out(stage, painted, size, view)
         if color is None:
             yield f"{model}-contact", contact_sheet(stage, size)
-            for s, name in enumerate(seen_map.sensor_names if m == 0 else ()):
+            for s in chosen.sensors if m == chosen.models[0] else ():
+                name = stage.study.sensor_names[s]
                 yield f"sensor-{name}", sensor_sheet(stage, s, size)
                 yield f"sensor-{name}-depth", depth_sheet(stage, s, size)
+    if color is None and len(chosen.models) < len(maps):
+        order = worst_models(stage.study, maps)
+        starts = range(0, len(order), MODELS_A_SHEET)
+        for page, start in enumerate(starts, start=1):
+            some = order[start : start + MODELS_A_SHEET]
+            yield f"models-{page}", models_sheet(stage, maps, some, (page, len(starts)), size)
 
 
 def _unused(directory: Path, name: str, taken: Sequence[Path]) -> Path:

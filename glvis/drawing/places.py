@@ -51,6 +51,23 @@ def grid(box: Box, columns: int, rows: int, gap: int) -> list[Box]:
     ]
 
 
+def halves(box: Box, part: float, gap: int, *, stacked: bool) -> list[Box]:
+    """Return two boxes that share one, the first with a part of it, side by side or stacked."""
+    if stacked:
+        first = round(part * (box.height - gap))
+        below = box.y + first + gap
+        return [
+            Box(box.x, box.y, box.width, first),
+            Box(box.x, below, box.width, box.bottom - below),
+        ]
+    first = round(part * (box.width - gap))
+    beside = box.x + first + gap
+    return [
+        Box(box.x, box.y, first, box.height),
+        Box(beside, box.y, box.right - beside, box.height),
+    ]
+
+
 def readable(color: Colors) -> tuple[int, ...]:
     """Return a colour dark enough for text on white."""
     c = np.asarray(color, dtype=float)
@@ -66,16 +83,27 @@ def round_length(longest: float) -> float:
 
 
 def number(value: float) -> str:
-    """Return a number for people: no exponent where it can be helped, thousands apart."""
+    """Return a number for people: no exponent where it can be helped, thousands by commas."""
     text = f"{value:.6g}"
     if "e" in text and abs(value) >= 1:
         text = f"{value:.0f}"
     elif "e" in text and abs(value) >= 1e-6:
         text = f"{value:.12f}".rstrip("0")
     whole, _, rest = text.partition(".")
-    if len(whole.lstrip("-")) > 4 and "e" not in text:
-        whole = f"{int(whole):,}".replace(",", "\u00a0")
+    if len(whole.lstrip("-")) > 3 and "e" not in text:
+        whole = f"{int(whole):,}"
     return (f"{whole}.{rest}" if rest else whole).replace("-", "−")
+
+
+def unit_word(unit: str) -> str:
+    """Return a unit as it stands in a sentence: "mm", but "inches", as "in" reads as a word."""
+    return "inches" if unit in ("in", "inch") else unit
+
+
+def length_words(value: float, unit: str) -> str:
+    """Return a length for people: "200 mm", "2 inches"."""
+    word = unit_word(unit)
+    return f"{number(value)}\u00a0{'inch' if word == 'inches' and value == 1 else word}"
 
 
 def ticks(low: float, high: float, wanted: int = 5) -> list[float]:
@@ -105,42 +133,35 @@ def label_places(
     """
     at = np.nan_to_num(places, nan=-1.0)
     shown = np.flatnonzero(((at >= 0) & (at < room)).all(axis=1)).tolist()
-    taken = [_rectangle(places[k], (2 * clear, 2 * clear)) for k in shown]
+    # left, top, right, bottom of what is taken: the places, then the labels one by one
+    taken = np.array([_rectangles(places[k], (2 * clear, 2 * clear)) for k in shown]).reshape(-1, 4)
     chosen: dict[int, Floats] = {}
     for i, k in enumerate(shown):
-        others = taken[:i] + taken[i + 1 :]
-        costs = []
         spots = _spots(places[k], clear, sizes[k])
-        for spot in spots:
-            area = _rectangle(spot, sizes[k])
-            outside = sum(max(0.0, -v) for v in area[:2])
-            outside += sum(max(0.0, v - limit) for v, limit in zip(area[2:], room, strict=True))
-            hit = sum(_overlap(area, other) for other in others)
-            costs.append(1e4 * outside + 10 * hit + float(np.linalg.norm(spot - places[k])))
-        chosen[k] = spots[int(np.argmin(costs))]
-        taken.append(_rectangle(chosen[k], sizes[k]))
+        areas = _rectangles(spots, sizes[k])
+        outside = np.maximum(-areas[:, :2], 0) + np.maximum(areas[:, 2:] - room, 0)
+        hit = _overlaps(areas, np.delete(taken, i, axis=0)).sum(axis=1)
+        apart = np.linalg.norm(spots - places[k], axis=1)
+        chosen[k] = spots[int(np.argmin(1e4 * outside.sum(axis=1) + 10 * hit + apart))]
+        taken = np.vstack([taken, _rectangles(chosen[k], sizes[k])])
     return chosen
 
 
-def _spots(place: Floats, clear: float, size: tuple[float, float]) -> list[Floats]:
-    """Return centres to try for a label about a place."""
-    spots = []
-    for ring in (1.0, 1.6, 2.4, 3.4):
-        for eighth in range(16):
-            angle = eighth * math.pi / 8
-            direction = np.array([math.cos(angle), math.sin(angle)])
-            spots.append(place + direction * (clear * ring + np.array(size) / 2))
-    return spots
+def _spots(place: Floats, clear: float, size: tuple[float, float]) -> Floats:
+    """Return centres (N, 2) to try for a label about a place."""
+    ring, turn = np.meshgrid((1.0, 1.6, 2.4, 3.4), np.arange(16) * math.pi / 8, indexing="ij")
+    directions = np.stack([np.cos(turn), np.sin(turn)], axis=2)
+    return (place + directions * (clear * ring[..., None] + np.array(size) / 2)).reshape(-1, 2)
 
 
-def _rectangle(centre: Floats, size: tuple[float, float]) -> tuple[float, float, float, float]:
-    """Return left, top, right, bottom."""
-    x, y = centre
-    return x - size[0] / 2, y - size[1] / 2, x + size[0] / 2, y + size[1] / 2
+def _rectangles(centres: Floats, size: tuple[float, float]) -> Floats:
+    """Return left, top, right, bottom (..., 4) about centres (..., 2)."""
+    half = np.array(size) / 2
+    return np.concatenate([centres - half, centres + half], axis=-1)
 
 
-def _overlap(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the common area of two rectangles (left, top, right, bottom)."""
-    width = min(a[2], b[2]) - max(a[0], b[0])
-    height = min(a[3], b[3]) - max(a[1], b[1])
-    return float(max(0.0, width) * max(0.0, height))
+def _overlaps(a: Floats, b: Floats) -> Floats:
+    """Return the common area of rectangles (A, 4) with others (B, 4), (A, B)."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    return np.maximum(high - low, 0).prod(axis=2)

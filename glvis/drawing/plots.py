@@ -90,8 +90,8 @@ def write_convergence(
     )
     axes.set_xlabel("evaluations of the objective")
     axes.set_ylabel(quantity)
-    axes.set_title(title, loc="left", fontweight="bold", fontsize=11)
-    spaced_thousands(axes)
+    axes.set_title(title, loc="left", fontweight="bold", fontsize=11, parse_math=False)
+    parted_thousands(axes)
     dress(axes)
     axes.margins(x=0.01)
     axes.legend(frameon=False, loc="lower right")
@@ -117,6 +117,6 @@ def dress(axes: Any) -> None:
         axes.spines[side].set_visible(False)
 
 
-def spaced_thousands(axes: Any) -> None:
-    """Write large numbers along x as 12 000."""
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}".replace(",", " "))
+def parted_thousands(axes: Any) -> None:
+    """Write large numbers along x as 12,000."""
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")

@@ -5,16 +5,37 @@ Each function lays one model, painted already, on one sheet.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
 from glvis.camera import rigid_inverse
-from glvis.drawing.coloring import Coloring, Swatch, back_swatch, obstacle_swatch
-from glvis.drawing.framing import View, axis_label, towards_eye
-from glvis.drawing.places import Box, grid
+from glvis.drawing.coloring import Coloring, Swatch, back_swatch, obstacle_swatch, share
+from glvis.drawing.framing import Eye, View, axis_label, towards_eye
+from glvis.drawing.gapviews import GapViews, gap_views
+from glvis.drawing.palette import UNSEEN_COLOR
+from glvis.drawing.places import Box, grid, halves
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
 
 SIZE = (1600, 1000)
 _HEAT_RELIEF = 0.55  # light and shade must not be taken for a value
 _STRIP = 58  # units under a picture for axes, title and scale bar
+# Where sensors stand so far off that the model is drawn smaller than this share of what alone it
+# could be, it is drawn alone as well.
+_SMALL = 0.5
+_PARTS = (0.5, 0.4, 0.3, 0.6)  # of a sheet that the model alone may take
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One view on a sheet: the model alone, or with the rig, or with frusta too."""
+
+    view: View
+    with_rig: bool = False
+    with_frusta: bool = False
+    veiled: bool = False
 
 
 def perspective_sheet(
@@ -23,9 +44,16 @@ def perspective_sheet(
     size: tuple[int, int] = SIZE,
     direction: tuple[float, float] | None = None,
 ) -> Sheet:
-    """Return the scene with its sensors and their frusta, large."""
+    """Return the scene with its sensors and their frusta, and the model large."""
     view = _directed(stage, direction)
-    return _laid_out(stage, painted, size, [view], (1,), with_frusta=True)
+    with_rig = _Panel(view, with_rig=True, with_frusta=True)
+    scales = [stage.eye(view, size, with_rig=rig).pixels_per_length(size) for rig in (True, False)]
+    panels = [with_rig] if scales[0] >= _SMALL * scales[1] else [_Panel(view), with_rig]
+    sheet, box = _prepared(stage, painted, size)
+    cells = [box] if len(panels) == 1 else _split(sheet, box, stage, panels)
+    for cell, panel in zip(cells, panels, strict=True):
+        _draw_panel(sheet, cell, stage, panel, relief=1.0)
+    return _with_legend(sheet, stage, painted, box)
 
 
 def sides_sheet(
@@ -36,8 +64,10 @@ def sides_sheet(
 ) -> Sheet:
     """Return the scene with its sensors from top, front and side, and the model from behind."""
     views, far_side = stage.views(), stage.other_side(_directed(stage, direction))
-    wanted = [*(views[k] for k in ("top", "front", "side")), far_side]
-    return _laid_out(stage, painted, size, wanted, (1, 2, 4))
+    panels = [_Panel(views[k], with_rig=True) for k in ("top", "front", "side")]
+    sheet, box = _prepared(stage, painted, size)
+    _draw_panels(sheet, box, stage, [*panels, _Panel(far_side)], (1, 2, 4))
+    return _with_legend(sheet, stage, painted, box)
 
 
 def close_sheet(
@@ -49,35 +79,82 @@ def close_sheet(
     """Return the model alone, filling the picture, from the two sides that show most of it."""
     first = _directed(stage, direction)
     relief = _HEAT_RELIEF if painted.bar else 1.0
-    views = [first, stage.other_side(first)]
-    return _laid_out(stage, painted, size, views, (1, 2), relief=relief)
+    panels = [_Panel(first), _Panel(stage.other_side(first))]
+    sheet, box = _prepared(stage, painted, size)
+    _draw_panels(sheet, box, stage, panels, (1, 2), relief=relief)
+    return _with_legend(sheet, stage, painted, box)
+
+
+def unseen_sheet(
+    stage: Stage,
+    painted: Coloring,
+    size: tuple[int, int] = SIZE,
+    direction: tuple[float, float] | None = None,
+) -> Sheet:
+    """Return the model alone, from where most of what nobody sees shows; gaps have numbers.
+
+    Obstacles are faint: what they keep from being seen is what the picture is about.
+    """
+    found = gap_views(stage, _directed(stage, direction), is_fixed=direction is not None)
+    panels = [_Panel(view, veiled=True) for view in found.views]
+    painted = replace(painted, note=f"{painted.note}{_gap_words(stage, found)}")
+    sheet, box = _prepared(stage, painted, size)
+    eyes = _draw_panels(sheet, box, stage, panels, (1, 2, 4)[: 1 + len(panels) // 2])
+    for v, (frame, eye) in enumerate(eyes):
+        places = np.array([at[v] for at in found.places]).reshape(-1, 3)
+        names = [str(k) for k in range(1, len(places) + 1)]
+        inks = np.tile(UNSEEN_COLOR, (len(places), 1))
+        pixels = eye.project(places, frame.size)
+        sheet.draw_labels(frame, pixels, names, inks, float(sheet.units(9)), is_pointing=True)
+    return _with_legend(sheet, stage, painted, box)
+
+
+def _gap_words(stage: Stage, found: GapViews) -> str:
+    """Return what the numbers of the gaps mean."""
+    if not found.gaps:
+        return ""
+    model = stage.seen.model
+    total = model.areas.sum()
+    sizes = [f"{k}:\u00a0{share(gap.area / total)}" for k, gap in enumerate(found.gaps, start=1)]
+    words = f" Largest gaps, of the area: {', '.join(sizes)}."
+    if inside := found.hidden_gaps():
+        words += f" No view from outside shows {' and '.join(map(str, inside))}."
+    return words
 
 
 def neutral_rows(stage: Stage) -> list[Swatch]:
-    """Return the legend's rows for what has no colour of its own."""
-    backs = [] if stage.seen.model.is_closed else [back_swatch()]
+    """Return the legend's rows for what was drawn and has no colour of its own."""
+    backs = [back_swatch()] if stage.shows_backs else []
     return [*backs, *([obstacle_swatch()] if stage.study.obstacles else [])]
 
 
-def subtitle(stage: Stage) -> str:
-    """Return what the sheet is about, in a line."""
+def subtitle(stage: Stage, facts: str = "") -> str:
+    """Return what the sheet is about, in a line: the study, and what is seen in all."""
     seen, n = stage.seen, len(stage.study.sensors)
-    whole = "the area" if seen.model.pieces else f"{seen.model.n_faces:,} faces".replace(",", " ")
+    whole = "the area" if seen.noun == "area" else f"{seen.model.n_faces:,} faces"
     who = "the sensor" if n == 1 else f"at least one of {n} sensors"
-    facts = f"{seen.share(seen.map.counts > 0)} of {whole} seen by {who}"
+    facts = facts or f"{seen.share(seen.map.counts > 0)} of {whole} seen by {who}"
     return " · ".join([*([stage.study.title] if stage.study.title else []), facts])
 
 
 def _prepared(stage: Stage, painted: Coloring, size: tuple[int, int]) -> tuple[Sheet, Box]:
-    """Return a sheet with heading and legend, and the room that is left for pictures."""
+    """Return a sheet with its heading, and the room that its legend leaves for pictures."""
     sheet = Sheet(size)
-    top = sheet.heading(f"{stage.seen.model.name} · {painted.title}", subtitle(stage))
+    top = sheet.heading(
+        f"{stage.seen.model.name} · {painted.title}", subtitle(stage, painted.facts)
+    )
+    stage.shows_backs = False
     margin, gap = sheet.units(28), sheet.units(26)
-    extra = neutral_rows(stage)
-    width = sheet.legend_width([painted])
-    column = Box(size[0] - margin - width, top, width, size[1] - top - margin)
-    sheet.legend(column, painted, extra)
-    return sheet, Box(margin, top, column.x - gap - margin, size[1] - top - margin)
+    right = size[0] - 2 * margin - sheet.legend_width([painted]) - gap
+    return sheet, Box(margin, top, right, size[1] - top - margin)
+
+
+def _with_legend(sheet: Sheet, stage: Stage, painted: Coloring, box: Box) -> Sheet:
+    """Return the sheet with its legend beside the pictures, which say what must be in it."""
+    width, margin = sheet.legend_width([painted]), sheet.units(28)
+    column = Box(sheet.size[0] - margin - width, box.y, width, box.height)
+    sheet.legend(column, painted, neutral_rows(stage))
+    return sheet
 
 
 def _directed(stage: Stage, direction: tuple[float, float] | None) -> View:
@@ -86,34 +163,28 @@ def _directed(stage: Stage, direction: tuple[float, float] | None) -> View:
     return view if direction is None else View(view.name, *direction, is_parallel=False)
 
 
-def _laid_out(
-    stage: Stage,
-    painted: Coloring,
-    size: tuple[int, int],
-    views: list[View],
-    columns: tuple[int, ...],
-    *,
-    with_frusta: bool = False,
-    relief: float = 1.0,
-) -> Sheet:
-    """Return a sheet of views in the best of the numbers of columns."""
-    sheet, box = _prepared(stage, painted, size)
-    for cell, view in zip(_cells(sheet, box, stage, views, columns), views, strict=True):
-        _panel(sheet, cell, stage, view, with_frusta=with_frusta, relief=relief)
-    return sheet
-
-
-def _panel(
+def _draw_panels(
     sheet: Sheet,
     box: Box,
     stage: Stage,
-    view: View,
+    panels: list[_Panel],
+    columns: tuple[int, ...],
     *,
-    with_frusta: bool,
-    relief: float,
-) -> None:
+    relief: float = 1.0,
+) -> list[tuple[Box, Eye]]:
+    """Draw panels in the best of the numbers of columns; return their pictures' boxes and eyes."""
+    cells = _cells(sheet, box, stage, panels, columns)
+    return [
+        _draw_panel(sheet, cell, stage, panel, relief)
+        for cell, panel in zip(cells, panels, strict=True)
+    ]
+
+
+def _draw_panel(
+    sheet: Sheet, box: Box, stage: Stage, panel: _Panel, relief: float
+) -> tuple[Box, Eye]:
     """Draw the scene into a framed box, and under it axes, direction of view and scale bar."""
-    with_rig = with_frusta or view.is_parallel
+    view, with_rig = panel.view, panel.with_rig
     frame = _without_strip(sheet, box)
     strip = box.height - frame.height
     eye = stage.eye(view, frame.size, with_rig=with_rig)
@@ -121,9 +192,11 @@ def _panel(
         eye,
         frame.size,
         with_rig=with_rig,
-        with_frusta=with_frusta,
+        with_frusta=panel.with_frusta,
         pixel=max(0.8, sheet.unit),
         relief=relief,
+        cut_away=stage.is_room,
+        veiled=panel.veiled,
     )
     sheet.paste(picture, frame.x, frame.y)
     sheet.frame(frame)
@@ -133,7 +206,7 @@ def _panel(
         centres = stage.poses[:, :3, 3]
         places = eye.project(centres, frame.size)
         clear = 1.05 * stage.body_size * per_length
-        hidden = stage.is_hidden(centres, eye, frame.size)
+        hidden = stage.is_hidden(centres, eye, frame.size, cut_away=stage.is_room)
         names = [
             f"({name})" if behind else name  # nobody shall take what is in front for the sensor
             for name, behind in zip(stage.seen.map.sensor_names, hidden, strict=True)
@@ -148,11 +221,13 @@ def _panel(
         per_length,
         round(0.22 * box.width),
         stage.study.unit,
-        "" if eye.is_parallel or box.width < sheet.units(480) else " in the middle",
+        "" if eye.is_parallel or box.width < sheet.units(480) else " at mid-depth",
     )
     left = box.x + round(1.6 * strip)
-    title = sheet.shortened(_view_title(stage, view), end - sheet.units(12) - left, 16)
-    sheet.text(left, middle, title, size=16, anchor="lm")
+    room, titles = end - sheet.units(12) - left, _view_titles(stage, view)
+    title = next((t for t in titles if sheet.text_width(t, 16) <= room), titles[-1])
+    sheet.text(left, middle, sheet.shortened(title, room, 16), size=16, anchor="lm")
+    return frame, eye
 
 
 def _without_strip(sheet: Sheet, box: Box) -> Box:
@@ -162,24 +237,46 @@ def _without_strip(sheet: Sheet, box: Box) -> Box:
 
 
 def _cells(
-    sheet: Sheet, box: Box, stage: Stage, views: list[View], columns: tuple[int, ...]
+    sheet: Sheet, box: Box, stage: Stage, panels: list[_Panel], columns: tuple[int, ...]
 ) -> list[Box]:
-    """Return the grid, of one of the numbers of columns, that shows the views largest."""
+    """Return the grid, of one of the numbers of columns, that shows the panels largest."""
 
     def scale(cells: list[Box]) -> float:
         return sum(
-            stage.eye(view, frame.size, with_rig=view.is_parallel).pixels_per_length(frame.size)
-            for view, frame in zip(views, (_without_strip(sheet, c) for c in cells), strict=True)
+            stage.eye(p.view, frame.size, with_rig=p.with_rig).pixels_per_length(frame.size)
+            for p, frame in zip(panels, (_without_strip(sheet, c) for c in cells), strict=True)
         )
 
-    return max((grid(box, n, len(views) // n, sheet.units(12)) for n in columns), key=scale)
+    return max((grid(box, n, len(panels) // n, sheet.units(12)) for n in columns), key=scale)
 
 
-def _view_title(stage: Stage, view: View) -> str:
-    """Return where a view is from, in words and along which axis."""
+def _split(sheet: Sheet, box: Box, stage: Stage, panels: list[_Panel]) -> list[Box]:
+    """Return two cells for two panels that show both as large as can be, beside what each could."""
+
+    def scales(cells: list[Box]) -> list[float]:
+        frames = [_without_strip(sheet, cell) for cell in cells]
+        eyes = [
+            stage.eye(panel.view, frame.size, with_rig=panel.with_rig)
+            for panel, frame in zip(panels, frames, strict=True)
+        ]
+        return [eye.pixels_per_length(f.size) for eye, f in zip(eyes, frames, strict=True)]
+
+    alone = scales([box, box])
+
+    def worth(cells: list[Box]) -> float:
+        return math.prod(a / b for a, b in zip(scales(cells), alone, strict=True))
+
+    gap = sheet.units(12)
+    tried = [halves(box, part, gap, stacked=way) for way in (False, True) for part in _PARTS]
+    return max(tried, key=worth)
+
+
+def _view_titles(stage: Stage, view: View) -> tuple[str, ...]:
+    """Return where a view is from, in words and along which axis; the longest first."""
     label = axis_label(towards_eye(stage.study.up, view.azimuth_deg, view.elevation_deg))
     if label:
-        return f"{view.name}, from {label}"
-    return f"from azimuth {view.azimuth_deg:g}°, elevation {view.elevation_deg:g}°".replace(
-        "-", "−"
+        return f"{view.name}, from {label}", view.name
+    azimuth, elevation = (
+        f"{angle:g}°".replace("-", "−") for angle in (view.azimuth_deg, view.elevation_deg)
     )
+    return f"from azimuth {azimuth}, elevation {elevation}", f"from {azimuth}, {elevation}"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from glvis.drawing.coloring import Bar, Coloring, Swatch, ramp_colors, seen_by_one
 from glvis.drawing.palette import rgb
-from glvis.drawing.places import Box, grid, number
+from glvis.drawing.places import Box, grid, length_words, number
 from glvis.drawing.scenesheets import SIZE, neutral_rows, subtitle
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
@@ -24,6 +24,7 @@ def sensor_sheet(stage: Stage, s: int, size: tuple[int, int] = SIZE) -> Sheet:
     painted = seen_by_one(stage.seen, s, stage.colors)
     sheet, box, column = _sensor_page(stage, s, painted, size)
     stage.paint(painted.colors)
+    stage.shows_backs = False
     view = stage.picture(stage.sensor_eye(s), box.size, pixel=max(0.8, sheet.unit))
     sheet.paste(view, box.x, box.y)
     sheet.frame(box, tuple(stage.colors[s].tolist()), max(2, sheet.units(3)))
@@ -39,8 +40,8 @@ def depth_sheet(stage: Stage, s: int, size: tuple[int, int] = SIZE) -> Sheet:
         f"{name}: the depth it measures",
         np.zeros((0, 4), dtype=np.uint8),
         [
-            *([Swatch(_NEARER, f"nearer than {number(low)} {unit}")] if low > 0 else []),
-            Swatch(_FARTHER, f"beyond {number(high)} {unit}"),
+            *([Swatch(_NEARER, f"nearer than {length_words(low, unit)}")] if low > 0 else []),
+            Swatch(_FARTHER, f"beyond {length_words(high, unit)}"),
             Swatch(_NOTHING, "nothing there"),
         ],
         Bar(low, high, "distance along the axis", unit),
@@ -116,7 +117,7 @@ def _sensor_page(
     sheet.heading(
         f"{painted.title} of {stage.seen.model.name}",
         f"{sensor.name} · {pixels} · {hfov:.4g}° × {vfov:.4g}° · "
-        f"{number(sensor.min_distance)} to {number(sensor.max_distance)} {stage.study.unit}",
+        f"{number(sensor.min_distance)} to {length_words(sensor.max_distance, stage.study.unit)}",
     )
     box = Box(margin, top, width, height)
     return sheet, box, Box(box.right + gap, top, legend, needed)

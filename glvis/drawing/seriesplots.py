@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from glvis.drawing.palette import OKABE_ITO, hex_color, sensor_colors
-from glvis.drawing.plots import dress, new_figure, spaced_thousands
+from glvis.drawing.plots import dress, new_figure, parted_thousands
 
 SIZE = (1600, 1000)
 _BLUE, _PALE, _ORANGE = OKABE_ITO[0], "#9FB8CC", OKABE_ITO[5]
@@ -83,8 +83,8 @@ def write_repeats(
     axes.plot(leader.maps, leader.best, color=_BLUE, lw=2.2, label=f"best: {leader.name}", zorder=3)
     axes.set_xlabel("maps rendered")
     axes.set_ylabel(f"best {quantity} so far")
-    axes.set_title(title, loc="left", fontweight="bold", fontsize=11)
-    spaced_thousands(axes)
+    axes.set_title(title, loc="left", fontweight="bold", fontsize=11, parse_math=False)
+    parted_thousands(axes)
     dress(axes)
     axes.margins(x=0.01)
     axes.legend(frameon=False, loc="lower right")
@@ -127,7 +127,7 @@ def write_sweep(
         Pixels (width, height).
     """
     figure = new_figure(size)
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=11)
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=11, parse_math=False)
     several = len(panels[0].lines) > 1
     is_loose = _gap(ticks) >= _LEAST_GAP
     colors = [hex_color(color) for color in sensor_colors(len(panels[0].lines))]
@@ -135,7 +135,7 @@ def write_sweep(
         for line, color in zip(panel.lines, colors, strict=True):
             _swept_line(axes, line, color, told=is_loose and not several, joined=are_numbers)
         axes.set_xlabel(x_label)
-        axes.set_title(panel.quantity, loc="left", fontsize=10)
+        axes.set_title(panel.quantity, loc="left", fontsize=10, parse_math=False)
         _scale(axes, ticks, marked=is_loose)
         axes.ticklabel_format(axis="y", useOffset=False)
         dress(axes)
@@ -168,7 +168,7 @@ def _by_seed(
         axes.axhspan(mean - std, mean + std, color=_ORANGE, alpha=0.13, lw=0)
         text += f", std {std:.2g}"
     axes.axhline(mean, color=_ORANGE, lw=1.4, ls="--")
-    axes.set_title(f"{name}: {text}", loc="left", fontsize=10)
+    axes.set_title(f"{name}: {text}", loc="left", fontsize=10, parse_math=False)
     axes.set_xlabel("seed")
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.ticklabel_format(axis="y", useOffset=False)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glvis.camera import rigid_inverse
 from glvis.drawing.framing import Eye
+from glvis.drawing.normals import corner_normals
 from glvis.errors import MachineError
 from glvis.sight.context import Held, gl_context, unbind_framebuffer
 from glvis.sight.glsl import shader_source
@@ -25,13 +26,12 @@ from glvis.sight.glsl import shader_source
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-# An edge whose faces lie within this angle of their common normal is drawn smooth.
-_SMOOTH_COS = float(np.cos(np.radians(32.0)))
 _BACKGROUND = (1.0, 1.0, 1.0)  # prints as paper
 _STEPS_BACK = 8.0  # of the depth buffer, by which backs of faces recede: more than rounding takes
 _KEY_LIGHT = (-0.45, 0.65, 0.75)  # over the viewer's left shoulder, in the eye's frame
 _HIDDEN_OPACITY = 0.22  # of lines behind a surface
 _CREVICE = 0.022  # reach of what darkens crevices, of the picture's height
+_FEW = 1e-4  # share of an image that nobody looks at: backs between samples at outlines
 _OUTLINE, _STRIPE = 1.1, 9.0  # width of outlines, and from stripe to stripe, in pixels
 
 
@@ -110,6 +110,11 @@ class Canvas(Held):
         Pixels (width, height) of the pictures.
     samples : int
         Per pixel along each side, averaged for smooth edges; fewer where the driver cannot.
+
+    Attributes
+    ----------
+    shows_backs : bool
+        Whether the back of a face shows in the image made last, in more than stray pixels.
     """
 
     def __init__(self, size: tuple[int, int], samples: int = 2) -> None:
@@ -132,6 +137,7 @@ class Canvas(Held):
         self._overlay = context.framebuffer([self._over], self._depth)
         self._develop = context.framebuffer([self._picture])
         self._screen = context.vertex_array(_program("develop"), [])
+        self.shows_backs = False
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -152,6 +158,7 @@ class Canvas(Held):
         lines: Lines | None = None,
         relief: float = 1.0,
         pixel: float = 1.0,
+        cut_away: bool = False,
     ) -> Image:
         """Return a picture (H, W, 3) uint8 of painted solids and lines on white.
 
@@ -171,22 +178,34 @@ class Canvas(Held):
             How strongly light shapes the colours: 0 leaves them flat, 1 is full.
         pixel : float
             Pixels that a line of width 1 is wide; outlines and stripes follow.
+        cut_away : bool
+            Whether to leave the backs of faces out, as to look into a room through its walls.
         """
         start = np.asarray(origin, dtype=float)
         fine = pixel * self.samples
-        self._draw_solids(eye, solids, start, up, relief, fine)
+        self._draw_solids(eye, solids, start, up, relief, fine, cut_away)
         self._draw_lines(eye, lines, start, fine)
         self._develop_picture(eye, relief, fine)
         width, height = self.size
-        raw = self._develop.read(components=3, alignment=1)
-        return np.frombuffer(raw, dtype=np.uint8).reshape(height, width, 3)[::-1]
+        raw = self._develop.read(components=4, alignment=1)
+        rgba = np.frombuffer(raw, dtype=np.uint8).reshape(height, width, 4)[::-1]
+        self.shows_backs = float((rgba[..., 3] == 0).mean()) > _FEW
+        return rgba[..., :3]
 
-    def depth(self, eye: Eye, solids: Sequence[Solid], *, origin: ArrayLike) -> NDArray[np.float32]:
+    def depth(
+        self,
+        eye: Eye,
+        solids: Sequence[Solid],
+        *,
+        origin: ArrayLike,
+        cut_away: bool = False,
+    ) -> NDArray[np.float32]:
         """Return distances along the optical axis, scene unit; inf where nothing is.
 
-        One value a sample, not averaged: (H, W) times ``samples``.
+        One value a sample, not averaged: (H, W) times ``samples``. All else as for ``image``.
         """
-        self._draw_solids(eye, solids, np.asarray(origin, dtype=float), (0, 0, 1), 0.0, 1.0)
+        start = np.asarray(origin, dtype=float)
+        self._draw_solids(eye, solids, start, (0, 0, 1), 0.0, 1.0, cut_away, in_color=False)
         width, height = self._fine
         raw = self._shade.read(attachment=-1, components=1, dtype="f4", alignment=4)
         z = np.frombuffer(raw, dtype=np.float32).reshape(height, width)[::-1]
@@ -204,6 +223,9 @@ class Canvas(Held):
         up: ArrayLike,
         relief: float,
         pixel: float,
+        cut_away: bool,
+        *,
+        in_color: bool = True,
     ) -> None:
         context, program = gl_context(), _program("shaded")
         # The full state, so that no draw depends on the one before.
@@ -223,9 +245,14 @@ class Canvas(Held):
         program["key_light"] = tuple(key / np.linalg.norm(key))
         program["stripe"] = _STRIPE * pixel
         program["relief"] = relief
+        if not (cut_away or in_color):  # depths do not ask which side it is
+            for solid in solids:
+                solid.draw()
+            return
         # Of a sheet that is modelled from both sides the front shows, wherever one stands.
         context.enable(moderngl.CULL_FACE)
-        for culled, steps_back in (("back", 0.0), ("front", _STEPS_BACK)):
+        sides = (("back", 0.0), ("front", _STEPS_BACK))
+        for culled, steps_back in sides[:1] if cut_away else sides:
             context.cull_face = culled
             context.polygon_offset = 0.0, steps_back
             for solid in solids:
@@ -281,35 +308,6 @@ class Canvas(Held):
 
 
 _SEGMENT = np.dtype([("ends", "f4", (2, 3)), ("color", "u1", 4), ("width", "f4")])
-
-
-def corner_normals(vertices: ArrayLike, faces: ArrayLike) -> Floats:
-    """Return unit normals (F, 3, 3) of the corners, smooth over gentle edges only.
-
-    A corner takes the mean normal of the faces around its vertex, by area, unless its own face
-    leans away from it too far: then the edge is sharp and the face keeps its own. Faces without
-    area take the vertex's.
-    """
-    points, corners = np.asarray(vertices, dtype=float), np.asarray(faces)
-    a, b, c = (points[corners[:, i]] for i in range(3))
-    doubled: Floats = np.cross(b - a, c - a).astype(float)
-    total = np.stack(
-        [
-            np.bincount(corners.ravel(), weights=np.repeat(doubled[:, k], 3), minlength=len(points))
-            for k in range(3)
-        ],
-        axis=1,
-    )
-    smooth, own = _unit(total)[corners], _unit(doubled)[:, None]
-    is_sharp = (smooth * own).sum(axis=2, keepdims=True) < _SMOOTH_COS
-    has_own = (own != 0).any(axis=2, keepdims=True)
-    return np.where(is_sharp & has_own, own, smooth)
-
-
-def _unit(vectors: NDArray[Any]) -> Floats:
-    """Return vectors (N, 3) at unit length, zeros left as they are."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def _from_origin(eye: Eye, origin: Floats) -> Floats:

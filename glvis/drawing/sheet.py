@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from glvis.drawing.coloring import Bar, Coloring, Swatch, ramp_colors
-from glvis.drawing.places import Box, label_places, number, readable, round_length, ticks
+from glvis.drawing.places import (
+    Box,
+    label_places,
+    length_words,
+    number,
+    readable,
+    round_length,
+    ticks,
+)
 
 Floats = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -74,7 +82,7 @@ class Sheet:
 
     def text_width(self, text: str, size: float = 18, bold: bool = False) -> int:
         """Return the pixels that a line of text takes."""
-        return math.ceil(self.font(size, bold).getlength(text))
+        return math.ceil(self.font(size, bold).getlength(_one_line(text)))
 
     def text(
         self,
@@ -91,7 +99,7 @@ class Sheet:
         """Write a line of text; ``anchor`` is Pillow's."""
         self._draw.text(
             (x, y),
-            text,
+            _one_line(text),
             fill=color,
             font=self.font(size, bold),
             anchor=anchor,
@@ -226,7 +234,7 @@ class Sheet:
         self._draw.rectangle((left, y, right, y + thick - 1), fill=INK)
         for x in (left, right - thick + 1):
             self._draw.rectangle((x, y - tick, x + thick - 1, y + thick - 1 + tick), fill=INK)
-        text = f"{number(length)} {unit}{remark}"
+        text = length_words(length, unit) + remark
         self.text(right, y - self.units(8), text, size=16, anchor="rd")
         return min(left, right - self.text_width(text, 16))
 
@@ -301,7 +309,14 @@ class Sheet:
             )
 
     def draw_labels(
-        self, box: Box, places: Floats, names: Sequence[str], colors: Colors, clear: float
+        self,
+        box: Box,
+        places: Floats,
+        names: Sequence[str],
+        colors: Colors,
+        clear: float,
+        *,
+        is_pointing: bool = False,
     ) -> None:
         """Write names beside places of a box, clear of each other and of the places.
 
@@ -315,10 +330,15 @@ class Sheet:
             Text and its colour, darkened where it would not be read on white.
         clear : float
             Pixels to keep free around each place.
+        is_pointing : bool
+            Whether to mark each place by a dot, and a line to its name.
         """
         height = self.font(19, True).size * 1.1
         sizes = [(self.text_width(name, 19, True) + self.units(6), height) for name in names]
         for k, centre in label_places(places, sizes, clear, box.size).items():
+            if is_pointing:
+                corner = np.array([box.x, box.y])
+                self._point(corner + places[k], corner + centre)
             self.text(
                 round(box.x + centre[0]),
                 round(box.y + centre[1]),
@@ -329,6 +349,19 @@ class Sheet:
                 anchor="mm",
                 halo=True,
             )
+
+    def _point(self, at: Floats, label: Floats) -> None:
+        """Draw a dot at a place and a line from there to its label."""
+        r = max(1.5, 2.5 * self.unit)
+        for width, color in ((3.5, "white"), (1.5, INK)):
+            line = (*at.tolist(), *(at + 0.75 * (label - at)).tolist())
+            self._draw.line(line, fill=color, width=max(1, self.units(width)))
+        self._draw.ellipse((*(at - r).tolist(), *(at + r).tolist()), fill=INK, outline="white")
+
+
+def _one_line(text: str) -> str:
+    """Return text without line breaks and the like, which a line of text cannot have."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 @cache

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.camera import projection_matrix
 from glvis.drawing.coloring import Seen
 from glvis.drawing.framing import Eye, View, fitted_eye, standard_views, towards_eye
-from glvis.drawing.glyphs import sensor_bodies, sensor_lines
+from glvis.drawing.glyphs import frustum_corners, sensor_bodies, sensor_lines
 from glvis.drawing.palette import OBSTACLE_COLOR, sensor_colors
 from glvis.drawing.shading import Canvas, Lines, Solid
 from glvis.inputs.study import Study
@@ -30,6 +30,8 @@ _CLIP_NEAR = 1e-3  # of maxD
 _DIRECTIONS = 400  # that extreme points of a large mesh are looked for in
 _SMALL_MESH = 20_000  # vertices that need no such reduction
 _STANDS = 0.02  # share of the area that lacks an underside where things stand on a floor
+_VEIL = 0.3  # opacity of obstacles that shall hide nothing
+_AIM = (64, 64)  # pixels of a picture whose middle says what a sensor aims at
 _OPPOSITE = 0.25  # cosine below which the first view shows a face too obliquely to judge it
 
 
@@ -42,6 +44,11 @@ class Stage(Held):
         Models, obstacles, sensors, up.
     camera_to_world : (S, 4, 4) float64
         Poses of the sensors.
+
+    Attributes
+    ----------
+    shows_backs : bool
+        Whether the back of a face shows in any picture since it was last set to False.
     """
 
     def __init__(self, study: Study, camera_to_world: ArrayLike) -> None:
@@ -60,6 +67,7 @@ class Stage(Held):
         self._bodies = Solid(vertices, faces, self.origin)
         self._bodies.paint(colors)
         self._model: Solid | None = None
+        self.shows_backs = False
         self._canvases: dict[tuple[int, int], Canvas] = {}
 
     def release(self) -> None:
@@ -77,6 +85,14 @@ class Stage(Held):
         points = np.concatenate([*corners, self.poses[:, :3, 3]])
         return _BODY * float(np.linalg.norm(np.ptp(points, axis=0)))
 
+    @cached_property
+    def is_room(self) -> bool:
+        """Whether sensors look from within, so that people look in through backs of walls."""
+        low = np.min([model.bounds[0] for model in self.study.models], axis=0)
+        high = np.max([model.bounds[1] for model in self.study.models], axis=0)
+        centres = self.poses[:, :3, 3]
+        return bool(2 * ((centres > low) & (centres < high)).all(axis=1).sum() > len(centres))
+
     def show(self, index: int, seen_map: VisibilityMap) -> Seen:
         """Put a model on the stage; return how it is seen."""
         model = self.study.models[index]
@@ -90,12 +106,21 @@ class Stage(Held):
             self.poses,
             self.study.unit,
             self.study.visibility.incidence == "axis",
+            self.study.objective.by_area,
         )
         self.close_points = extreme_points(model.vertices)
         bodies = self.poses[:, None, :3, 3] + self.body_size * _CUBE
         others = [extreme_points(obstacle.vertices) for obstacle in self.study.obstacles]
         self.rig_points = np.concatenate([self.close_points, bodies.reshape(-1, 3), *others])
+        self._aims: Floats | None = None
         return self.seen
+
+    def aims(self) -> Floats:
+        """Return how far along its axis each sensor meets a surface, (S,); inf for none."""
+        if self._aims is None:
+            looks = (self.depth(self.sensor_eye(s), _AIM)[0] for s in range(len(self.poses)))
+            self._aims = np.array([float(_middle(depths).min()) for depths in looks])
+        return self._aims
 
     def paint(self, colors: Colors) -> None:
         """Give the model's faces colours (F, 4)."""
@@ -140,9 +165,12 @@ class Stage(Held):
         size : tuple of int
             Pixels of the picture.
         with_rig : bool
-            Whether the sensors and obstacles must be seen as well.
+            Whether the sensors, their frusta and obstacles must be seen as well.
         """
-        points = self.rig_points if with_rig else self.close_points
+        points = self.close_points
+        if with_rig:
+            frusta = frustum_corners(self.poses, self.study.sensors, self.body_size, self.aims())
+            points = np.concatenate([self.rig_points, frusta.reshape(-1, 3)])
         return fitted_eye(self.study.up, view, points, size[0] / size[1])
 
     def sensor_eye(self, s: int) -> Eye:
@@ -166,6 +194,8 @@ class Stage(Held):
         with_frusta: bool = False,
         pixel: float = 1.0,
         relief: float = 1.0,
+        cut_away: bool = False,
+        veiled: bool = False,
     ) -> Colors:
         """Return a picture (H, W, 3) uint8 of the painted model.
 
@@ -179,8 +209,10 @@ class Stage(Held):
             Whether to draw the sensors, and their frusta.
         pixel : float
             Pixels that a line of width 1 is wide.
-        relief : float
+        relief, cut_away : float, bool
             As for ``Canvas.image``.
+        veiled : bool
+            Whether obstacles are faint, so that what they hide is seen through them.
         """
         lines, solids = None, self._solids()
         if with_rig:
@@ -189,28 +221,57 @@ class Stage(Held):
                 self.study.sensors,
                 self.colors,
                 self.body_size,
+                self.aims(),
                 with_frusta=with_frusta,
             )
             lines = Lines(ends, colors, widths)
             solids.append(self._bodies)
-        return self._canvas(size).image(
-            eye,
-            solids,
-            origin=self.origin,
-            up=self.study.up,
-            lines=lines,
-            relief=relief,
-            pixel=pixel,
-        )
-
-    def depth(self, eye: Eye, size: tuple[int, int]) -> tuple[NDArray[np.float32], int]:
-        """Return distances along the axis, and how many samples a pixel has along each side."""
         canvas = self._canvas(size)
-        return canvas.depth(eye, self._solids(), origin=self.origin), canvas.samples
 
-    def is_hidden(self, points: Floats, eye: Eye, size: tuple[int, int]) -> NDArray[np.bool_]:
+        def drawn(things: list[Solid]) -> Colors:
+            image = canvas.image(
+                eye,
+                things,
+                origin=self.origin,
+                up=self.study.up,
+                lines=lines,
+                relief=relief,
+                pixel=pixel,
+                cut_away=cut_away,
+            )
+            self.shows_backs |= canvas.shows_backs
+            return image
+
+        image = drawn(solids)
+        if veiled and self._obstacles:
+            without = drawn([solid for solid in solids if solid not in self._obstacles])
+            image = np.round(_VEIL * image + (1 - _VEIL) * without).astype(np.uint8)
+        return image
+
+    def depth(
+        self,
+        eye: Eye,
+        size: tuple[int, int],
+        *,
+        cut_away: bool = False,
+        obstacles: bool = True,
+    ) -> tuple[NDArray[np.float32], int]:
+        """Return distances along the axis, and how many samples a pixel has along each side."""
+        canvas, solids = self._canvas(size), self._solids(obstacles)
+        depths = canvas.depth(eye, solids, origin=self.origin, cut_away=cut_away)
+        return depths, canvas.samples
+
+    def is_hidden(
+        self,
+        points: Floats,
+        eye: Eye,
+        size: tuple[int, int],
+        *,
+        cut_away: bool = False,
+        obstacles: bool = True,
+    ) -> NDArray[np.bool_]:
         """Return which points (N, 3) lie behind the model or an obstacle in a picture, (N,)."""
-        depths, samples = self.depth(eye, size)
+        depths, samples = self.depth(eye, size, cut_away=cut_away, obstacles=obstacles)
         pixels = samples * eye.project(points, size)
         height, width = depths.shape
         inside = np.asarray(((pixels >= 0) & (pixels < [width, height])).all(axis=1))
@@ -218,8 +279,9 @@ class Stage(Held):
         own = (eye.camera_to_world[:3, 3] - points) @ eye.camera_to_world[:3, 2]
         return np.asarray(inside & (depths[row, column] < own))
 
-    def _solids(self) -> list[Solid]:
-        return [*([self._model] if self._model else []), *self._obstacles]
+    def _solids(self, obstacles: bool = True) -> list[Solid]:
+        model = [self._model] if self._model else []
+        return [*model, *self._obstacles] if obstacles else model
 
     def _canvas(self, size: tuple[int, int]) -> Canvas:
         if size not in self._canvases:
@@ -228,6 +290,12 @@ class Stage(Held):
 
 
 _CUBE = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+
+
+def _middle(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the four values in the middle of an image (H, W)."""
+    row, column = image.shape[0] // 2, image.shape[1] // 2
+    return image[row - 1 : row + 1, column - 1 : column + 1]
 
 
 def extreme_points(points: ArrayLike) -> Floats:

@@ -231,13 +231,14 @@ def fold_counts(counts: ArrayLike, model: Model) -> Integers:
     return total
 
 
-def noun_of_shares(models: Sequence[Model]) -> str:
+def noun_of_shares(models: Sequence[Model], by_area: bool = False) -> str:
     """Return what the parts of models that people read of are shares of: "faces" or "area".
 
-    Of the number of faces, as the paper counts, unless one of the models was cut: pieces are no
-    faces of the file, and how many there are means nothing.
+    Of the area where the objective is ``by_area``, or one of the models was cut: pieces are no
+    faces of the file, and how many there are means nothing. Else of the number of faces, as the
+    paper counts.
     """
-    return "area" if any(model.pieces for model in models) else "faces"
+    return "area" if by_area or any(model.pieces for model in models) else "faces"
 
 
 def share_of(model: Model, chosen: Bools, noun: str) -> float:

@@ -225,19 +225,20 @@ def difference_coloring(first: Layout, second: Layout, model_name: str) -> Color
     colors = np.full((len(found), 4), 255, dtype=np.uint8)
     colors[:, :3] = tints[found]
     colors[found == NEITHER, 3] = STRIPED
-    model = _model(first, model_name)
-    noun = noun_of_shares([model])
+    model, noun = _model(first, model_name), _noun(first, [model_name])
+    shares = {k: share_of(model, found == k, noun) for k in (BOTH, FIRST, SECOND, NEITHER)}
+    whole = "the area" if noun == "area" else f"{model.n_faces:,} faces"
     labels = ("both", f"only {first.name}", f"only {second.name}", "neither")
     return Coloring(
         f"{first.name} and {second.name}: who sees what",
         colors,
         [
-            Swatch(
-                tints[k], label, share(share_of(model, found == k, noun)), is_striped=k == NEITHER
-            )
+            Swatch(tints[k], label, share(shares[k]), is_striped=k == NEITHER)
             for k, label in enumerate(labels)
         ],
         heading=noun,
+        facts=f"of {whole} {first.name} sees {share(shares[BOTH] + shares[FIRST])}, "
+        f"{second.name} {share(shares[BOTH] + shares[SECOND])}",
     )
 
 
@@ -282,7 +283,8 @@ def _model(layout: Layout, name: str) -> Model:
 
 def _noun(layout: Layout, names: Sequence[str]) -> str:
     """Return of what the shares of some models are: faces or area."""
-    return noun_of_shares([_model(layout, name) for name in names])
+    by_area = layout.placement.study.objective.by_area
+    return noun_of_shares([_model(layout, name) for name in names], by_area)
 
 
 def _have_one_unit(layouts: Sequence[Layout]) -> bool:

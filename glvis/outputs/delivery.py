@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from glvis.drawing.pictures import SIZE, write_views
+from glvis.drawing.selection import chosen_pictures
 from glvis.errors import MachineError, StudyError
 from glvis.hints import command
 from glvis.optim.placement import Placement
@@ -21,6 +23,8 @@ from glvis.outputs.result import write_data, write_summary
 from glvis.viewer.page import write_page
 
 VIEWS, PAGE = "views", "report.html"
+LEFT_OUT = "left-out.txt"  # in the folder of pictures
+_COMMAND = "glvis render DIR --all-pictures"
 MOUNTING, POSES, EXPORTS = "mounting.txt", "poses.csv", "exports"
 
 
@@ -36,11 +40,14 @@ class Look:
         Azimuth and elevation, degrees, of pictures in perspective; None chooses.
     color : str or None
         Only the pictures with this colouring.
+    all_pictures : bool
+        Every model and sensor, however many there are.
     """
 
     size: tuple[int, int] = SIZE
     view: tuple[float, float] | None = None
     color: str | None = None
+    all_pictures: bool = False
 
 
 def deliver(
@@ -50,6 +57,7 @@ def deliver(
     warnings: Sequence[str] = (),
     pictures: bool = True,
     meshes: bool = True,
+    look: Look | None = None,
 ) -> list[str]:
     """Write everything of a placement into a folder that is still to be committed.
 
@@ -65,6 +73,8 @@ def deliver(
         Sentences to keep with the result.
     pictures, meshes : bool
         Whether to make the pictures, and coloured meshes for other tools.
+    look : Look, optional
+        How pictures are to look.
 
     Returns
     -------
@@ -80,9 +90,10 @@ def deliver(
     try:
         write_data(placement, folder.staging)
         _write_for_others(placement, folder.staging, meshes)
-        write_page(folder.staging / PAGE, page_data(placement))
+        told = _left_out(placement, look) if pictures else []
+        write_page(folder.staging / PAGE, page_data(placement, told))
         if pictures:
-            failures = _tried(placement, folder)
+            failures = _tried(placement, folder, look)
         write_summary(placement, folder.staging, [*warnings, *failures])
     except OSError as error:
         raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error
@@ -129,7 +140,8 @@ def render_again(directory: Path, look: Look | None = None) -> list[str]:
             paths = write_pictures(placement, staging, look)
         except ValueError as error:
             raise StudyError(str(error)) from error
-        write_page(staging / PAGE, page_data(placement))
+        told = left_out_lines(directory) if look.color else _left_out(placement, look)
+        write_page(staging / PAGE, page_data(placement, told))
         return [path.relative_to(staging).as_posix() for path in paths]
 
 
@@ -137,6 +149,10 @@ def write_pictures(placement: Placement, directory: Path, look: Look | None = No
     """Write the pictures of a placement into ``views`` in a folder; return their paths."""
     look = look or Look()
     (directory / VIEWS).mkdir()
+    sentences = [] if look.color else _left_out(placement, look)
+    if sentences:
+        text = "".join(f"{sentence}\n" for sentence in sentences)
+        (directory / VIEWS / LEFT_OUT).write_text(text, encoding="utf-8")
     return write_views(
         placement.study,
         placement.camera_to_world,
@@ -147,7 +163,26 @@ def write_pictures(placement: Placement, directory: Path, look: Look | None = No
         size=look.size,
         view=look.view,
         color=look.color,
+        all_pictures=look.all_pictures,
     )
+
+
+def left_out_lines(directory: Path) -> list[str]:
+    """Return what the pictures of a result leave out, and how to get it."""
+    path = directory / VIEWS / LEFT_OUT
+    if not path.is_file():
+        return []
+    command = f"glvis render {shlex.quote(str(directory))} --all-pictures"
+    return path.read_text(encoding="utf-8").replace(_COMMAND, command).splitlines()
+
+
+def _left_out(placement: Placement, look: Look | None) -> list[str]:
+    """Return in sentences what is not drawn because there is too much of it."""
+    all_pictures = look is not None and look.all_pictures
+    chosen = chosen_pictures(placement.study, placement.maps, all_pictures=all_pictures)
+    if not chosen.left_out:
+        return []
+    return [f"Pictures: {'; '.join(chosen.left_out)}; '{_COMMAND}' makes all"]
 
 
 def _write_for_others(placement: Placement, directory: Path, meshes: bool) -> None:
@@ -168,11 +203,11 @@ def summary_of_files(directory: Path) -> str:
     return f"Result: {directory} ({', '.join(names)}, ...)"
 
 
-def _tried(placement: Placement, folder: ResultFolder) -> list[str]:
+def _tried(placement: Placement, folder: ResultFolder, look: Look | None) -> list[str]:
     """Make the pictures; return in a sentence what could not be made."""
     problem = ""
     try:
-        write_pictures(placement, folder.staging)
+        write_pictures(placement, folder.staging, look)
     except KeyboardInterrupt:
         problem = "the pictures were left out on Ctrl-C"
     except MachineError as error:

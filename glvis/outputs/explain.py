@@ -9,12 +9,10 @@ would see is seen from behind before all that: a mesh that is inside out has no 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
@@ -46,31 +44,6 @@ REASONS = (
 ) = range(len(REASONS))  # fmt: skip
 SEEN = -1
 _OTHERWISE = (SEEN, _OBSTRUCTED, _TINY, _NO_AREA)  # what no look from behind changes
-
-
-@dataclass(frozen=True)
-class Region:
-    """A connected piece of surface.
-
-    Attributes
-    ----------
-    n_faces : int
-        Faces that share edges.
-    area : float
-        Scene unit squared.
-    centre : (3,) float64
-        Mean of the surface, world frame.
-    facing : (3,) float64
-        Mean unit normal; zero where normals cancel out.
-    faces : (n,) int64
-        Indices into the model's faces.
-    """
-
-    n_faces: int
-    area: float
-    centre: Floats
-    facing: Floats
-    faces: Integers
 
 
 def unseen_reasons(placement: Placement) -> list[Integers]:
@@ -105,35 +78,6 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     for reasons, seen_map in zip(found, backs, strict=True):
         reasons[(seen_map.counts > 0) & ~np.isin(reasons, _OTHERWISE)] = _BEHIND
     return found
-
-
-def regions(model: Model, chosen: Bools) -> list[Region]:
-    """Return the connected pieces of some faces (F,) bool, the largest first."""
-    index = np.flatnonzero(chosen)
-    if not len(index):
-        return []
-    faces = model.faces[index].astype(np.int64)
-    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    owner = np.repeat(np.arange(len(index)), 3)
-    order = np.lexsort(edges.T)
-    same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
-    a, b = owner[order][:-1][same], owner[order][1:][same]
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(index), len(index)))
-    n, label = connected_components(graph, directed=False)
-    area = np.bincount(label, model.areas[index], minlength=n)
-    pieces = []
-    for piece in np.argsort(-area, kind="stable"):
-        own = index[label == piece]
-        weights = model.areas[own, None]
-        facing = (model.normals[own] * weights).sum(axis=0)
-        length = float(np.linalg.norm(facing))
-        total = float(weights.sum())
-        centre = model.centroids[own].mean(axis=0)
-        if total > 0:
-            centre = (model.centroids[own] * weights).sum(axis=0) / total
-            facing = facing / length if length > 0.1 * total else np.zeros(3)
-        pieces.append(Region(len(own), total, centre, facing, own))
-    return pieces
 
 
 def values_without(placement: Placement) -> Floats:

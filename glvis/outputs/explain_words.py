@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from glvis.inputs.regions import largest_regions, regions
 from glvis.optim.placement import Placement
 from glvis.outputs.explain import (
     REASONS,
     SEEN,
     Floats,
     Integers,
-    regions,
     unseen_reasons,
     values_without,
 )
@@ -20,9 +20,7 @@ from glvis.outputs.mounting import DECIMALS
 from glvis.outputs.tables import sensor_table
 from glvis.terminal import table
 
-_MOST_REGIONS = 4  # told about a model
-_WORTH_TELLING = 0.001  # of a model's area
-_HARDLY_NEEDED = 0.5  # percent of faces, or of area where they were cut, that only one sensor sees
+_HARDLY_NEEDED = 0.5  # percent of the faces, or the area, that only one sensor sees
 
 
 def explain_lines(placement: Placement) -> Iterator[str]:
@@ -83,9 +81,7 @@ def _region_lines(placement: Placement, reasons: list[Integers]) -> Iterator[str
     rows = []
     for model, why in zip(study.models, reasons, strict=True):
         total = model.areas.sum()
-        for region in regions(model, why != SEEN)[:_MOST_REGIONS]:
-            if region.area < _WORTH_TELLING * total:
-                break
+        for region in largest_regions(model, why != SEEN):
             areas = np.bincount(
                 why[region.faces], model.areas[region.faces], minlength=len(REASONS)
             )
@@ -107,8 +103,9 @@ def _region_lines(placement: Placement, reasons: list[Integers]) -> Iterator[str
 
 
 def _sensor_lines(placement: Placement) -> Iterator[str]:
-    kind = placement.study.objective.kind.upper()
-    noun, sensors = sensor_table(placement.study.models, placement.maps)
+    study = placement.study
+    kind = study.objective.kind.upper()
+    noun, sensors = sensor_table(study.models, placement.maps, study.objective.by_area)
     without = values_without(placement)
     yield f"Sensors: what each sees alone and what is lost without it ({noun}, mean over models)"
     yield from table(
@@ -140,7 +137,7 @@ def _overlap_lines(placement: Placement) -> Iterator[str]:
             f"{100 * model.areas[counts >= n if n == most else counts == n].sum() / total:.1f} %"
             for n in range(most + 1)
         ]
-        thin = regions(model, counts == 1)
+        thin = regions(model, counts == 1, 1)
         where: list[object] = ["", "", ""]
         if thin:
             seers = found.visible[:, thin[0].faces] @ model.areas[thin[0].faces]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from glvis.optim.placement import Placement
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.result import versions
@@ -9,17 +11,16 @@ from glvis.outputs.tables import mean_row, model_rows, sensor_table
 from glvis.outputs.within_reach import reach_table, reach_words
 from glvis.viewer.page import PageData, PageModel, PageObstacle, PageSensor, PageTable, PageTrace
 
-_COLUMNS = {
-    "seen_by_all_cameras": "seen, by all sensors",
-    "unique_seen": "unique seen",
+_SHARES = {"percentage": "seen %", "area_percentage": "area seen %"}
+_COUNTS = {
     "total": "faces",
-    "percentage": "seen %",
-    "area_percentage": "area seen %",
+    "unique_seen": "unique seen",
+    "seen_by_all_cameras": "seen, by all sensors",
 }
 
 
-def page_data(placement: Placement) -> PageData:
-    """Return all that the page of a placement shows."""
+def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
+    """Return all that the page of a placement shows; ``left_out`` is said of the pictures."""
     study = placement.study
     return PageData(
         title=study.title,
@@ -53,27 +54,40 @@ def page_data(placement: Placement) -> PageData:
         obstacles=[PageObstacle(m.name, m.vertices, m.faces) for m in study.obstacles],
         tables=[_coverage(placement), *_reach(placement), _sensors(placement)],
         trace=_trace(placement),
-        facts=_facts(placement),
+        facts=[*_facts(placement), *(("Pictures", text) for text in _bare(left_out))],
         mounting=mounting_lines(placement),
+        by_area=study.objective.by_area,
         incidence=study.visibility.incidence,
     )
 
 
+def _bare(sentences: Sequence[str]) -> list[str]:
+    """Return sentences without the word that they begin with."""
+    return [sentence.partition(": ")[2] for sentence in sentences]
+
+
 def _coverage(placement: Placement) -> PageTable:
+    """Return what is seen of each model: shares first, the page is narrow."""
     study = placement.study
     rows = model_rows(study.models, placement.maps, study.objective)
     several = range(2, len(study.sensors) + 1)
+    shares = dict(reversed(_SHARES.items())) if study.objective.by_area else _SHARES
     body: list[list[str | float]] = [
-        [row.name, *(getattr(row, name) for name in _COLUMNS)]
-        + [100 * row.shares_seen_by[n - 1] for n in several]
+        [
+            row.name,
+            *(getattr(row, name) for name in shares),
+            *(100 * row.shares_seen_by[n - 1] for n in several),
+            *(getattr(row, name) for name in _COUNTS),
+        ]
         for row in rows
     ]
     if len(rows) > 1:
         mean = mean_row(rows)
-        shares = [100 * mean[f"share_seen_by_{n}"] for n in several]
-        body.append(["mean", *(mean[name] for name in _COLUMNS), *shares])
-    header = ["model", *_COLUMNS.values(), *(f"by {n}+ %" for n in several)]
-    return PageTable("Faces seen", header, body)
+        by_number = [100 * mean[f"share_seen_by_{n}"] for n in several]
+        numbers = [*(mean[name] for name in shares), *by_number]
+        body.append(["mean", *numbers, *(round(mean[name]) for name in _COUNTS)])
+    names = [*shares.values(), *(f"by {n}+ %" for n in several), *_COUNTS.values()]
+    return PageTable("Faces seen", ["model", *names], body)
 
 
 def _reach(placement: Placement) -> list[PageTable]:
@@ -84,7 +98,8 @@ def _reach(placement: Placement) -> list[PageTable]:
 
 
 def _sensors(placement: Placement) -> PageTable:
-    noun, rows = sensor_table(placement.study.models, placement.maps)
+    study = placement.study
+    noun, rows = sensor_table(study.models, placement.maps, study.objective.by_area)
     return PageTable(
         "Sensors",
         ["sensor", "sees %", "only it sees %"],

@@ -143,18 +143,25 @@ def sensor_rows(models: Sequence[Model], maps: Sequence[VisibilityMap]) -> list[
 
 
 def sensor_table(
-    models: Sequence[Model], maps: Sequence[VisibilityMap]
+    models: Sequence[Model], maps: Sequence[VisibilityMap], by_area: bool = False
 ) -> tuple[str, list[tuple[str, float, float]]]:
     """Return what each sensor sees and what only it sees, for people.
+
+    Parameters
+    ----------
+    models, maps : sequence of Model, sequence of VisibilityMap
+        One map a model.
+    by_area : bool
+        Whether the objective is by area.
 
     Returns
     -------
     noun : str
-        Of what the percentages are: "faces", or "area" where some were cut.
+        Of what the percentages are; see ``noun_of_shares``.
     rows : list of (str, float, float)
         Name, percentage seen and percentage that only it sees, the mean over models.
     """
-    noun, rows = noun_of_shares(models), sensor_rows(models, maps)
+    noun, rows = noun_of_shares(models, by_area), sensor_rows(models, maps)
     if noun == "faces":
         return noun, [(row.name, row.seen_percentage, row.only_it_percentage) for row in rows]
     return noun, [(row.name, row.area_percentage, row.only_it_area_percentage) for row in rows]

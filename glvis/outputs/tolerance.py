@@ -55,7 +55,7 @@ def worth(placement: Placement, maps: list[VisibilityMap] | None = None) -> Wort
         study.objective.terms(one.counts, model.areas)["value"]
         for one, model in zip(found, study.models, strict=True)
     ]
-    noun = noun_of_shares(study.models)
+    noun = noun_of_shares(study.models, study.objective.by_area)
     shares = [
         share_of(model, one.counts > 0, noun)
         for one, model in zip(found, study.models, strict=True)

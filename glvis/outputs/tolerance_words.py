@@ -34,7 +34,7 @@ def spread_lines(
         ("worst", np.min),
     ):
         rows.append((name, f"{of(coverage):.2f}", f"{of(value):.4f}"))
-    yield from table(("", f"{noun_of_shares(placement.study.models)} seen %", kind), rows)
+    yield from table(("", f"{_noun(placement)} seen %", kind), rows)
 
 
 def sensitivity_lines(
@@ -54,7 +54,7 @@ def sensitivity_lines(
 
 def loss_lines(placement: Placement) -> Iterator[str]:
     """Yield what is left with each sensor lost in turn."""
-    kind, noun = placement.study.objective.kind.upper(), noun_of_shares(placement.study.models)
+    kind, noun = placement.study.objective.kind.upper(), _noun(placement)
     planned = worth(placement)
     yield "With one sensor lost"
     rows = [("none", f"{100 * planned.coverage:.2f}", "", f"{planned.value:.4f}")]
@@ -70,7 +70,7 @@ def rounding_lines(planned: Placement, rounded: Placement) -> Iterator[str]:
     places = DECIMALS.get(unit, 2) + 1
     kind = planned.study.objective.kind.upper()
     before, after = worth(planned), worth(rounded)
-    noun = noun_of_shares(planned.study.models)
+    noun = _noun(planned)
     yield f"Rounded poses [{unit}, deg]; pan, tilt and roll as in mounting.txt"
     rows = []
     for name, pose in zip(planned.study.sensor_names, rounded.camera_to_world, strict=True):
@@ -83,6 +83,11 @@ def rounding_lines(planned: Placement, rounded: Placement) -> Iterator[str]:
         f"They see {100 * after.coverage:.2f} % of the {noun} instead of "
         f"{100 * before.coverage:.2f} %; {kind} = {after.value:.4f} instead of {before.value:.4f}"
     )
+
+
+def _noun(placement: Placement) -> str:
+    """Return of what shares are told."""
+    return noun_of_shares(placement.study.models, placement.study.objective.by_area)
 
 
 def _short(value: float, places: int) -> str:

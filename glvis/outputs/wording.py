@@ -231,7 +231,8 @@ def result_lines(placement: Placement) -> Iterator[str]:
 
 
 def _sensor_lines(placement: Placement) -> Iterator[str]:
-    noun, rows = sensor_table(placement.study.models, placement.maps)
+    study = placement.study
+    noun, rows = sensor_table(study.models, placement.maps, study.objective.by_area)
     yield f"Sensors: what each sees, and what only it sees, in % of the {noun} (mean over models)"
     yield from table(
         ("sensor", "sees %", "only it %"),

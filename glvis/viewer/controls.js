@@ -57,9 +57,10 @@ function buildSensors() {
     element('span', { class: 'wide' }, 'Click for its faces'),
     element('span', { class: 'num', title: `Share of the ${noun} that this sensor sees` }, 'Sees'),
     element('span', { class: 'num', title: `Share of the ${noun} that no other active sensor sees` }, 'Only it'), element('span')));
+  host.classList.toggle('long', sensors.some(({ name }) => name.length > 5)); // names need the bars' room
   sensors.forEach((sensor, s) => {
     const box = element('input', { type: 'checkbox', checked: true, 'aria-label': `${sensor.name} on`, change: () => setSensor(s, box.checked) });
-    const name = element('button', { type: 'button', class: 'name', title: `Only what ${sensor.name} sees`,
+    const name = element('button', { type: 'button', class: 'name', title: `${sensor.name}: only what it sees`,
       click: () => { state.kept = state.kept === s ? -1 : s; setFocus(state.kept); showState(models[state.model]); } },
     element('b', {}, sensor.name), kinds > 1 ? element('small', {}, sensor.kind) : null);
     const share = element('span', { class: 'num' }), alone = element('span', { class: 'num' }), gauge = bar(sensor.color);
@@ -99,7 +100,7 @@ function buildToggles() {
 function showNumbers(mesh) {
   const { exactly, seen, alone, unseenArea, all } = covered, parts = mesh.pieceOf ? 'pieces' : 'faces';
   const share = (n) => percent(n / all), twice = exactly.slice(2).reduce((a, b) => a + b, 0);
-  const amount = (n) => (byArea ? `${area(n, study.unit, all)} of ${area(all, study.unit)}` : `${number(n, 0)} of ${number(all, 0)} faces`);
+  const amount = (n) => (byArea ? `${area(n, study.unit, n > all / 1000 ? all : n)} of ${area(all, study.unit)}` : `${number(n, 0)} of ${number(all, 0)} faces`);
   const ofArea = byArea ? '' : `, ${percent(unseenArea / mesh.area)} of the area`;
   const tile = (value, text, title, name) => element('div', { class: name, title }, element('b', {}, value), element('span', {}, text));
   byId('stats').replaceChildren(
@@ -119,7 +120,7 @@ function showNumbers(mesh) {
   });
   byId('gaps').replaceChildren(element('h2', {}, 'Largest gaps'), ...(covered.gaps.length
     ? covered.gaps.map((gap, i) => element('button', { type: 'button', title: `${number(gap.nFaces, 0)} connected ${parts} that nobody sees`, click: () => goToGap(gap) },
-      element('b', {}, String(i + 1)), area(gap.area, study.unit, covered.gaps[0].area)))
+      element('b', {}, String(i + 1)), area(gap.area, study.unit, covered.gaps.at(-1).area)))
     : [element('p', { class: 'note' }, 'None: every face is seen.')]));
 }
 
@@ -149,9 +150,12 @@ function showLegend() {
     items = [element('span', { class: 'item head' }, 'Seen by'), item(css(unseen), `0  ${share(exactly[0])}`, 'striped')];
     for (let k = 1; k <= last; k++) items.push(item(css(overlap[k]), `${k}  ${share(exactly[k])}`));
     items.push(element('span', { class: 'item head' }, 'sensors'));
-  } else if (state.mode === 'unseen') items = [nobody, item(css(seen), `seen ${share(all - exactly[0])}`)];
+  } else if (state.mode === 'unseen') {
+    items = [nobody, item(css(seen), `seen ${share(all - exactly[0])}`)];
+    if (exactly[0] && state.through < 0) items.push(item(css(unseen), 'unseen, behind what is seen', 'veiled'));
+  }
   else items = [element('span', { class: 'item head how' }, 'Colour: the sensor that sees the face most squarely'), nobody];
-  if (study.obstacles.length && state.obstacles) items.push(item(css(obstacle), 'obstacle'));
+  if (study.obstacles.length && state.obstacles) items.push(item(css(obstacle), state.bared ? 'obstacle, faded' : 'obstacle', state.bared ? 'veiled' : ''));
   byId('legend').replaceChildren(...items);
 }
 
@@ -216,28 +220,37 @@ function readFace(mesh, face) {
   });
 }
 
+/** Decimals that tell a thousandth of the scene. */
+const decimals = () => clamp(Math.ceil(2.5 - Math.log10(camera.sphere.radius)), 0, 9);
+
 function showReadout(hit, x, y) {
-  const node = byId('readout');
+  const node = byId('readout'), narrow = camera.width < 640;
   if (hit.kind === 'model') {
     const mesh = models[state.model], readings = readFace(mesh, hit.face);
-    const centroid = [0, 1, 2].map((j) => number(mesh.centroids[3 * hit.face + j] + study.origin[j], 1)).join(', ');
+    const centroid = [0, 1, 2].map((j) => number(mesh.centroids[3 * hit.face + j] + study.origin[j], decimals())).join(', ');
     const line = (r, s) => element('tr', { class: r.sees && r.on ? '' : 'no', style: { '--color': sensors[s].color } },
       element('th', { scope: 'row' }, element('i', { class: 'dot' }), r.name),
-      r.sees ? [element('td', {}, `${number(r.depth, 1)} ${study.unit}`), element('td', {}, `${r.incidence.toFixed(1)}°`)]
+      r.sees ? [element('td', {}, `${number(r.depth, decimals(), decimals())} ${study.unit}`), element('td', {}, `${r.incidence.toFixed(1)}°`)]
         : element('td', { colspan: 2 }, r.why), r.on ? null : element('td', {}, 'off'));
     const order = readings.map((_, s) => s).sort((a, b) => readings[b].sees - readings[a].sees);
     const seen = readings.filter((r) => r.sees && r.on).length;
     node.replaceChildren(
       element('p', {}, element('b', {}, seen ? `Seen by ${seen} of ${sensors.length}` : 'Seen by nobody'), element('span', {}, mesh.pieceOf ? `piece of face ${number(mesh.pieceOf[hit.face], 0)}` : `face ${number(hit.face, 0)}`)),
       element('table', {}, element('thead', {}, element('tr', {}, element('th', {}, 'Sensor'), element('th', {}, 'Distance'), element('th', {}, 'Incidence'))),
-        element('tbody', {}, order.slice(0, 12).map((s) => line(readings[s], s)))),
+        element('tbody', {}, order.slice(0, narrow ? 4 : 12).map((s) => line(readings[s], s)))),
       element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${area(mesh.areas[hit.face], study.unit)}`));
   } else if (hit.kind === 'sensor') {
     node.replaceChildren(element('p', {}, element('b', {}, sensors[hit.sensor].name), element('span', {}, sensors[hit.sensor].kind)), element('p', { class: 'note' }, 'Click to look through it'));
   } else node.replaceChildren(element('p', {}, element('b', {}, hit.name), element('span', {}, 'obstacle')));
   node.hidden = false;
-  // Beside the pointer, inside the stage; below the middle it goes above.
   const { offsetWidth: w, offsetHeight: h } = node;
+  if (narrow) { // in the half of the stage that was not tapped
+    node.style.left = '8px';
+    node.style.top = `${y < camera.height / 2 ? camera.height - h - 8 : 8}px`;
+    mark(hit.kind === 'model' ? hit.face : -1);
+    return;
+  }
+  // Beside the pointer, inside the stage.
   node.style.left = `${clamp(x + 18 + w > camera.width ? x - w - 18 : x + 18, 8, Math.max(8, camera.width - w - 8))}px`;
   node.style.top = `${clamp(y - h / 2, 8, Math.max(8, camera.height - h - 8))}px`;
   mark(hit.kind === 'model' ? hit.face : -1);

@@ -94,20 +94,41 @@ function paint(mesh, sensors, { mode, on, focus }, counts) {
   return out;
 }
 
-/** Connected patches of unseen faces, largest area first: { area, nFaces, center, normal, radius }. */
-function gaps(mesh, counts) {
-  const { faces, centroids: c } = mesh;
-  const parent = new Uint32Array(mesh.vertices.length / 3).map((_, v) => v); // a forest over the vertices
-  const root = (v) => {
-    while (parent[v] !== v) v = parent[v] = parent[parent[v]];
-    return v;
+/** For each face the first of those that it hangs together with over edges, among faces of count 0. */
+function patchOf({ faces, nFaces, vertices }, counts) {
+  const parent = new Uint32Array(nFaces).map((_, f) => f); // a forest over the faces
+  const root = (f) => {
+    while (parent[f] !== f) f = parent[f] = parent[parent[f]];
+    return f;
   };
-  for (let f = 0; f < mesh.nFaces; f++)
-    if (!counts[f]) for (const k of [1, 2]) parent[root(faces[3 * f + k])] = root(faces[3 * f]);
-  const patches = new Map();
+  const eachEdge = (act) => {
+    for (let f = 0; f < nFaces; f++)
+      if (!counts[f]) for (let k = 0; k < 3; k++) {
+        const a = faces[3 * f + k], b = faces[3 * f + (k + 1) % 3];
+        act(f, Math.min(a, b), Math.max(a, b));
+      }
+  };
+  const start = new Uint32Array(vertices.length / 3 + 1); // edges by the lower of their vertices
+  eachEdge((f, low) => { start[low + 1]++; });
+  for (let v = 1; v < start.length; v++) start[v] += start[v - 1];
+  const next = start.slice(), ends = new Uint32Array(start.at(-1)), owners = new Uint32Array(ends.length);
+  eachEdge((f, low, high) => { ends[next[low]] = high; owners[next[low]++] = f; });
+  for (let v = 0; v + 1 < start.length; v++)
+    for (let i = start[v]; i < start[v + 1]; i++)
+      for (let j = start[v]; j < i; j++) if (ends[i] === ends[j]) {
+        const [a, b] = [root(owners[i]), root(owners[j])];
+        parent[Math.max(a, b)] = Math.min(a, b);
+        break;
+      }
+  return root;
+}
+
+/** Patches of unseen faces, as 'explain' tells them, the largest first: { area, nFaces, center, normal, radius }. */
+function gaps(mesh, counts) {
+  const { centroids: c } = mesh, root = patchOf(mesh, counts), patches = new Map();
   for (let f = 0; f < mesh.nFaces; f++) {
     if (counts[f]) continue;
-    const key = root(faces[3 * f]), weight = mesh.areas[f];
+    const key = root(f), weight = mesh.areas[f];
     let patch = patches.get(key);
     if (!patch) patches.set(key, patch = { area: 0, faces: [], center: [0, 0, 0], normal: [0, 0, 0] });
     patch.area += weight;

@@ -1,6 +1,7 @@
 // WebGL2: meshes with a palette entry a face, wide lines, and the ID buffer under the pointer.
 
 const PAINT_WIDTH = 2048; // texels a row of the paint texture
+const STEPS_BACK = 8;     // of the depth buffer, by which backs of faces recede: more than rounding takes
 
 function compile(gl, name, attributes) {
   const program = gl.createProgram();
@@ -27,7 +28,7 @@ function compile(gl, name, attributes) {
 /** Everything that touches the GPU; the rest of the page hands over arrays and matrices. */
 class Painter {
   constructor(canvas) {
-    const gl = canvas.getContext('webgl2', { antialias: true, alpha: true, powerPreference: 'high-performance' });
+    const gl = canvas.getContext('webgl2', { antialias: true, alpha: true, stencil: true, powerPreference: 'high-performance' });
     if (!gl) throw new Error('This browser offers no WebGL 2, so the scene cannot be drawn. The tables below are complete.');
     this.gl = gl;
     this.mesh = compile(gl, 'mesh', ['position', 'normal']);
@@ -113,7 +114,7 @@ class Painter {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
     gl.disable(gl.BLEND);
@@ -128,25 +129,28 @@ class Painter {
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.palette);
     gl.activeTexture(gl.TEXTURE0);
-    const drawThing = (thing, ghost) => {
-      (thing.cutAway ? gl.enable : gl.disable).call(gl, gl.CULL_FACE);
+    const drawThing = (thing, ghost, veil = 1) => {
       gl.uniform1f(uniforms.ghost, ghost);
+      gl.uniform1f(uniforms.veil, veil);
       gl.uniform1f(uniforms.edges, thing.edges ? 1 : 0);
       gl.uniform1i(uniforms.marked, thing.marked ?? -1);
       gl.bindTexture(gl.TEXTURE_2D, thing.paint);
-      gl.bindVertexArray(thing.array);
-      gl.drawArrays(gl.TRIANGLES, 0, 3 * thing.nFaces);
+      this.drawSides(thing);
     };
-    for (const thing of things) drawThing(thing, 1);
+    for (const thing of things) if (!(thing.veil < 1)) drawThing(thing, 1);
 
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
-    for (const thing of things.filter((t) => t.ghost)) {
-      gl.depthFunc(gl.GREATER); // what hides unseen faces lets them shine through
-      drawThing(thing, 0.28);
-      gl.depthFunc(gl.LEQUAL);
-    }
+    gl.enable(gl.STENCIL_TEST); // one layer of a veil a pixel, however many faces there are
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.depthFunc(gl.GREATER); // what hides unseen faces lets them shine through
+    for (const thing of things) if (thing.ghost) drawThing(thing, 0.28);
+    gl.depthFunc(gl.LEQUAL);
+    gl.clear(gl.STENCIL_BUFFER_BIT);
+    for (const thing of things) if (thing.veil < 1) drawThing(thing, 1, thing.veil);
+    gl.disable(gl.STENCIL_TEST);
     gl.disable(gl.CULL_FACE);
     gl.useProgram(this.line.program);
     gl.uniformMatrix4fv(this.line.uniforms.world_to_clip, false, shot.worldToClip);
@@ -155,6 +159,21 @@ class Painter {
     gl.bindVertexArray(this.lineArray);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.lineCount);
     gl.depthMask(true);
+  }
+
+  /** Draw a thing: of a sheet that is modelled from both sides the front shows, wherever one stands. */
+  drawSides(thing) {
+    const { gl } = this;
+    gl.bindVertexArray(thing.array);
+    gl.enable(gl.CULL_FACE);
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    for (const [culled, back] of thing.cutAway ? [[gl.BACK, 0]] : [[gl.BACK, 0], [gl.FRONT, STEPS_BACK]]) {
+      gl.cullFace(culled);
+      gl.polygonOffset(0, back);
+      gl.drawArrays(gl.TRIANGLES, 0, 3 * thing.nFaces);
+    }
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.disable(gl.CULL_FACE);
   }
 
   /** Call back with the milliseconds that the GPU needs for what was asked of it until now. */
@@ -194,10 +213,8 @@ class Painter {
     gl.useProgram(this.id.program);
     gl.uniformMatrix4fv(this.id.uniforms.world_to_clip, false, worldToClip);
     for (const thing of things) {
-      (thing.cutAway ? gl.enable : gl.disable).call(gl, gl.CULL_FACE);
       gl.uniform1ui(this.id.uniforms.first_id, thing.firstId);
-      gl.bindVertexArray(thing.array);
-      gl.drawArrays(gl.TRIANGLES, 0, 3 * thing.nFaces);
+      this.drawSides(thing);
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }

@@ -28,8 +28,34 @@ function sensorBodies(sensors, size) {
   return measure({ vertices: new Float32Array(vertices), faces: new Uint32Array(faces), nFaces });
 }
 
-/** Segments for Painter.setLines: axes and up-marks always, frusta where `state` wants them. */
-function sensorLines(sensors, state, size) {
+/** How far along its axis a sensor meets one of the meshes; Infinity where it meets none. */
+function aimOf(sensor, meshes) {
+  const [ox, oy, oz] = sensor.center, [dx, dy, dz] = sensor.direction;
+  let nearest = Infinity;
+  for (const { vertices: v, faces: f } of meshes) {
+    for (let k = 0; k < f.length; k += 3) { // Moeller and Trumbore 1997
+      const a = 3 * f[k], b = 3 * f[k + 1], c = 3 * f[k + 2];
+      const ux = v[b] - v[a], uy = v[b + 1] - v[a + 1], uz = v[b + 2] - v[a + 2];
+      const wx = v[c] - v[a], wy = v[c + 1] - v[a + 1], wz = v[c + 2] - v[a + 2];
+      const px = dy * wz - dz * wy, py = dz * wx - dx * wz, pz = dx * wy - dy * wx;
+      const det = ux * px + uy * py + uz * pz;
+      if (det === 0) continue;
+      const tx = ox - v[a], ty = oy - v[a + 1], tz = oz - v[a + 2], s = (tx * px + ty * py + tz * pz) / det;
+      if (s < 0 || s > 1) continue;
+      const qx = ty * uz - tz * uy, qy = tz * ux - tx * uz, qz = tx * uy - ty * ux, t = (dx * qx + dy * qy + dz * qz) / det;
+      if (t < 0 || s + t > 1) continue;
+      const far = (wx * qx + wy * qy + wz * qz) / det;
+      if (far > 0 && far < nearest) nearest = far;
+    }
+  }
+  return nearest;
+}
+
+/**
+ * Segments for Painter.setLines: axes as far as the sensor aims, up-marks and the beginnings of
+ * frusta always; whole frusta where `state` wants them, they fill the picture.
+ */
+function sensorLines(sensors, state, size, aims) {
   const segments = [];
   sensors.forEach((sensor, s) => {
     if (!state.on[s] || state.through >= 0) return; // through a sensor, only the scene
@@ -44,8 +70,16 @@ function sensorLines(sensors, state, size) {
     const up = (x, y) => add(add(add(sensor.center, sensor.direction, plane), sensor.right, x * size), sensor.up, y * size);
     const top = 0.5 * ty / Math.max(tx, ty);
     loop([up(-0.16, top + 0.1), up(0.16, top + 0.1), up(0, top + 0.34)], 1, 2);
-    draw(at(0, 0, plane), at(0, 0, far), 0.75, focused ? 2 : 1.25);
-    if (!state.frusta && !focused) return;
+    const whole = state.frusta || focused, short = Math.min(Math.max(0.3 * Math.min(aims[s], far), 2 * size), far);
+    const end = whole ? far : Number.isFinite(aims[s]) ? Math.min(aims[s], far) : short;
+    draw(at(0, 0, plane), at(0, 0, Math.max(end, plane)), 0.75, focused ? 2 : 1.25);
+    if (!whole) {
+      for (const corner of rectangle(1))
+        for (const [begin, stop, opacity] of [[0, 0.4, 0.6], [0.4, 0.75, 0.42], [0.75, 1, 0.28]])
+          draw(...[begin, stop].map((t) => add(sensor.center, sub(corner, sensor.center), t * short)), opacity);
+      loop(rectangle(short), 0.28);
+      return;
+    }
     const weight = focused ? 1.75 : 1.25, range = focused ? 0.85 : 0.5;
     rectangle(far).forEach((corner, i) => {
       const start = rectangle(near)[i];

@@ -2,7 +2,7 @@
 
 const study = JSON.parse(byId('study').textContent);
 const sensors = study.sensors.map(readSensor);
-const byArea = study.models.some((entry) => entry.pieceOf !== undefined); // pieces are no faces of the file
+const { byArea } = study; // whether shares are of the area, else of the faces
 const canvas = byId('canvas');
 const still = matchMedia('(prefers-reduced-motion: reduce)');
 const state = {
@@ -10,14 +10,16 @@ const state = {
   focus: -1,   // sensor whose faces alone keep their colour
   kept: -1,    // focus that stays when the pointer leaves the list
   through: -1, // sensor that we look through
-  frusta: sensors.length <= 4, obstacles: true, labels: true, edges: false, cut: false,
+  bared: false, // whether obstacles fade, for what they hide
+  frusta: false, obstacles: true, labels: true, edges: false, cut: false,
 };
 const MODES = [
   ['sensor', 'Sensors', 'Each face in the colour of the sensor that sees it most squarely'],
   ['overlap', 'Overlap', 'How many sensors see each face'],
   ['unseen', 'Unseen', 'The faces that no sensor sees, also through what hides them'],
 ];
-let models, painter, camera, glyphSize;
+let models, obstacles, painter, camera, glyphSize;
+let aims = [];            // how far along its axis each sensor meets a surface
 let covered, painted;     // counts of the current model, palette entries of its faces
 let things = {};          // what is on the GPU: model, obstacles, bodies
 let turned = 0;           // quarter turns that show the front of open scenes, radians
@@ -64,9 +66,10 @@ function resize(quality = 1) {
   }
 }
 
-function visibleThings(coarse = false) {
+/** What is drawn; `toRead` leaves out what one looks through. */
+function visibleThings(coarse = false, toRead = false) {
   const list = [coarse ? coarseModel() : things.model];
-  if (things.obstacles && state.obstacles) list.push(things.obstacles);
+  if (things.obstacles && state.obstacles && !(toRead && state.bared)) list.push(things.obstacles);
   if (state.through < 0) list.push(things.bodies);
   return list;
 }
@@ -88,8 +91,8 @@ function draw(coarse = false) {
   // Over the viewer's left shoulder, and never from below.
   const light = add(add(add(scaled(shot.direction, -1), shot.right, -0.45), shot.up, 0.55), camera.up, 0.35);
   Object.assign(things.model, { edges: state.edges, marked, ghost: state.mode === 'unseen' && state.through < 0, cutAway: state.cut });
-  if (things.obstacles) things.obstacles.cutAway = state.cut;
-  painter.setLines(sensorLines(sensors, state, glyphSize));
+  if (things.obstacles) Object.assign(things.obstacles, { cutAway: state.cut, veil: state.bared ? 0.24 : 1 });
+  painter.setLines(sensorLines(sensors, state, glyphSize, aims));
   painter.draw(visibleThings(coarse), { ...shot, up: camera.up, keyLight: unit(light), pixel: canvas.width / camera.width });
   placeLabels(shot);
   placeScale(shot);
@@ -100,13 +103,13 @@ function pickAt(x, y) {
   if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) return null;
   if (!idsFresh) {
     let firstId = 1;
-    const list = visibleThings();
+    const list = visibleThings(false, true);
     for (const thing of list) { thing.firstId = firstId; firstId += thing.nFaces; }
     painter.drawIds(list, camera.shot().worldToClip, Math.floor(camera.width), Math.floor(camera.height));
     idsFresh = true;
   }
   const id = painter.idAt(x, y);
-  const thing = visibleThings().find((t) => id >= t.firstId && id < t.firstId + t.nFaces);
+  const thing = visibleThings(false, true).find((t) => id >= t.firstId && id < t.firstId + t.nFaces);
   if (!id || !thing) return null;
   const face = id - thing.firstId;
   if (thing === things.model) return { kind: 'model', model: models[state.model].name, face };
@@ -140,12 +143,27 @@ function setModel(index) {
   for (const name of ['model', 'coarse']) if (things[name]) painter.release(things[name]);
   things.coarse = null;
   things.model = painter.upload(corners(mesh));
+  aims = sensors.map((sensor) => aimOf(sensor, hiders(mesh)));
   marked = -1;
   hideReadout();
   refresh();
 }
 
+/** The meshes that may stop a sensor's axis; none where looking for that would take long. */
+function hiders(mesh) {
+  const meshes = [mesh, ...obstacles];
+  return sensors.length * meshes.reduce((n, m) => n + m.nFaces, 0) < 3e7 ? meshes : [];
+}
+
 function setMode(mode) { state.mode = mode; refresh(false); }
+
+/** Let obstacles fade, or be solid again. */
+function bare(on) {
+  if (state.bared === on) return;
+  state.bared = on;
+  showState(models[state.model]);
+  redraw();
+}
 
 function setSensor(index, on) { state.on[index] = on; refresh(); }
 
@@ -201,6 +219,7 @@ function bestTurn(mesh) {
 
 function setView(name, duration) {
   leaveSensor(0);
+  bare(false);
   go(camera.standard(name, insets(), turned), duration);
   markView(name);
 }
@@ -209,6 +228,8 @@ function setView(name, duration) {
 function lookThrough(index, duration) {
   if (!sensors.length) return;
   if (state.through < 0) home = { camera: { ...(move ? move.to : camera.state) }, view: state.view };
+  bare(false);
+  reveal();
   state.through = (index + sensors.length) % sensors.length;
   state.kept = state.focus = state.through;
   refresh(false);
@@ -229,16 +250,24 @@ function leaveSensor(duration) {
 function goToGap(gap) {
   leaveSensor(0);
   setMode('unseen');
+  bare(true);
+  reveal();
   const d = norm(gap.normal) > 0.1 * gap.area ? scaled(unit(gap.normal), -1) : camera.axes().direction;
   go({ ...camera.facing(d), target: gap.center, h: 2.2 * gap.radius, tan: PERSPECTIVE });
   markView('');
+}
+
+/** Where the panel lies below the stage, as on a phone: scroll to what has just changed. */
+function reveal() {
+  const box = byId('stage').getBoundingClientRect();
+  if (box.top < 0 && box.width >= innerWidth - 1) byId('stage').scrollIntoView({ behavior: still.matches ? 'auto' : 'smooth', block: 'start' });
 }
 
 // ---------------------------------------------------------------- start
 
 function buildScene(bytes) {
   models = study.models.map((entry) => readMesh(bytes, entry));
-  const obstacles = study.obstacles.map((entry) => readMesh(bytes, entry));
+  obstacles = study.obstacles.map((entry) => readMesh(bytes, entry));
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   const include = (v) => {
     for (let i = 0; i < v.length; i++) {
@@ -303,6 +332,7 @@ window.glvis = {
   read: (face) => readFace(models[state.model], face),
   frame: () => camera.frame(sensors[state.through]),
   covered: () => covered,
+  aims: () => aims,
   coarsened,
   camera: () => camera,
   model: () => models[state.model],

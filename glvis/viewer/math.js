@@ -52,15 +52,25 @@ function niceBelow(x) {
 }
 
 /** A number for readers: about four significant digits, thousands apart. */
-function number(x, digits = Math.abs(x) >= 1000 ? 0 : Math.abs(x) >= 100 ? 1 : 2) {
+function number(x, digits = Math.abs(x) >= 1000 ? 0 : Math.abs(x) >= 100 ? 1 : 2, fewest = 0) {
   if (!Number.isFinite(x)) return '–';
-  return x.toLocaleString('en-US', { maximumFractionDigits: digits }).replace('-', '−');
+  return x.toLocaleString('en-US', { minimumFractionDigits: fewest, maximumFractionDigits: digits }).replace('-', '−');
 }
 
-/** An area for readers, in the unit that suits `like`: many square millimetres are square metres. */
+/** A number with three significant digits, or all of those before the point; never an exponent. */
+function significant(x) {
+  if (!x) return '0';
+  const digits = clamp(2 - Math.floor(Math.log10(Math.abs(x) * (1 + 1e-12))), 0, 12);
+  return number(x, digits, digits);
+}
+
+const METRIC = { mm: 1, cm: 10, m: 1000 }; // in millimetres
+
+/** An area for readers, in the metric unit that suits `like`: 0.00167 m² are 1,670 mm². */
 function area(x, lengthUnit, like = x) {
-  const [factor, unit] = lengthUnit !== 'mm' || like < 1e4 ? [1, lengthUnit] : like < 1e6 ? [1e-2, 'cm'] : [1e-6, 'm'];
-  return `${number(x * factor)} ${unit}²`;
+  const size = METRIC[lengthUnit], inMm = size ** 2 * like;
+  const unit = !size ? lengthUnit : inMm < 1e4 ? 'mm' : inMm < 1e6 ? 'cm' : 'm';
+  return `${significant(size ? x * (size / METRIC[unit]) ** 2 : x)} ${unit === 'inch' ? 'in' : unit}²`;
 }
 
 /** A share for readers; nothing is rounded to none or to all. */

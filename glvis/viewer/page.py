@@ -28,6 +28,7 @@ from glvis.drawing.palette import (
     overlap_colors,
     sensor_colors,
 )
+from glvis.drawing.places import unit_word
 from glvis.sight.glsl import shader_source
 
 _VIEWER = Path(__file__).resolve().parent
@@ -150,6 +151,9 @@ class PageData:
         One line under the title; empty says what the scene holds.
     incidence : str
         "ray" or "axis": what incidence angles in the readings refer to.
+    by_area : bool
+        Whether the objective weighs faces by their area: the page then tells shares of the area,
+        as where faces were cut.
     """
 
     title: str
@@ -164,6 +168,7 @@ class PageData:
     mounting: Sequence[str] = ()
     subtitle: str = ""
     incidence: str = "ray"
+    by_area: bool = False
 
 
 def write_page(path: Path, data: PageData) -> None:
@@ -231,6 +236,7 @@ def _packed(data: PageData) -> tuple[dict[str, Any], bytes]:
         "origin": origin.tolist(),
         "subtitle": data.subtitle or _subtitle(data),
         "incidence": data.incidence,
+        "byArea": data.by_area or any(model.piece_of is not None for model in data.models),
         "models": models,
         "obstacles": obstacles,
         "sensors": _sensors(data.sensors, origin),
@@ -365,7 +371,7 @@ def _subtitle(data: PageData) -> str:
             _count(len(data.sensors), "sensor") + (f" ({', '.join(kinds)})" if kinds else ""),
             _count(len(data.models), "model"),
             *([_count(len(data.obstacles), "obstacle")] if data.obstacles else []),
-            f"in {data.unit}",
+            f"lengths in {unit_word(data.unit)}",
         ]
     )
 

@@ -43,9 +43,17 @@ function section(title, ...children) {
 }
 
 function table({ title, note, header, rows }) {
-  const numeric = header.map((_, c) => rows.every((row) => /^[-−–+]?[\d,.\s]*\s?[%°]?$/.test(show(row[c]))));
-  function show(value) { return typeof value === 'number' ? number(value) : String(value ?? ''); }
-  const cell = (tag, value, c) => element(tag, { class: numeric[c] ? 'num' : undefined, scope: tag === 'th' ? 'col' : undefined }, show(value));
+  // One number of decimals a column, so that they stand under each other; shares have one, as everywhere.
+  const digits = header.map((name, c) => {
+    const values = rows.map((row) => row[c]).filter((value) => typeof value === 'number');
+    if (name.includes('%')) return 1;
+    const largest = Math.max(...values.map(Math.abs), 0);
+    return values.every(Number.isInteger) ? 0 : largest >= 1000 ? 0 : largest >= 100 ? 1 : 2;
+  });
+  const show = (value, c) => (typeof value === 'number' ? number(value, digits[c], digits[c]) : String(value ?? ''));
+  const numeric = header.map((_, c) => rows.every((row) => /^[-−–+]?[\d,.\s]*\s?[%°]?$/.test(show(row[c], c))));
+  const cell = (tag, value, c) => element(tag, { class: numeric[c] ? 'num' : undefined, scope: tag === 'th' ? 'col' : undefined },
+    tag === 'th' ? value : show(value, c));
   return section(title,
     note ? element('p', { class: 'note' }, note) : null,
     element('div', { class: 'scroll', tabindex: 0, role: 'region', 'aria-label': title }, element('table', {},
