@@ -282,10 +282,10 @@ def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, m
     out = tmp_path / "out"
     code, text, _ = glvis_cli("evaluate", study, "-o", out)
     assert code == 1
-    assert "Warning: the pictures could not be made: no more memory on the GPU; 'glvis" in text
+    assert "Warning: the pictures could not be made: no more memory on the GPU; glvis" in text
     assert files_below(out) == DATA
     (warning,) = index_of(out)["warnings"]
-    assert warning.endswith(f"no more memory on the GPU; 'glvis render {out}' makes them")
+    assert warning.endswith(f"no more memory on the GPU; glvis render {out} makes them")
 
 
 def test_ctrl_c_while_pictures_are_made_leaves_the_result(glvis_cli, study, tmp_path, monkeypatch):
@@ -295,7 +295,7 @@ def test_ctrl_c_while_pictures_are_made_leaves_the_result(glvis_cli, study, tmp_
     monkeypatch.setattr("glvis.outputs.delivery.write_pictures", interrupted)
     code, text, _ = glvis_cli("evaluate", study, "-o", tmp_path / "out")
     assert code == 1
-    assert "Warning: the pictures were left out on Ctrl-C; 'glvis render" in text
+    assert "Warning: the pictures were left out on Ctrl-C; glvis render" in text
     assert files_below(tmp_path / "out") == DATA
 
 

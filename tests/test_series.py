@@ -144,7 +144,7 @@ def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
         lambda path, panels, **options: drawn.update(options, panels=panels),
     )
     out = tmp_path / "out"
-    sweeps = ("--sweep", "objective.by_area=false,true", "--sweep", "mount.C.roll_deg=0,45")
+    sweeps = ("--sweep", "visibility.criterion=pixels,centroid", "--sweep", "mount.C.roll_deg=0,45")
     assert run("optimize", study, "-o", out, *sweeps, "--repeats", "2")[0] == 0
     assert (drawn["x_label"], drawn["are_numbers"]) == ("mount.C.roll [deg]", True)
     assert drawn["ticks"] == [(0.0, "0"), (45.0, "45")]
@@ -153,11 +153,24 @@ def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
     rows = rows_of(out / "runs.csv")
     for panel, column in ((value, "value"), (seen, "percentage")):
         assert [line.label for line in panel.lines] == [
-            "objective.by_area = false", "objective.by_area = true",
+            "visibility.criterion = 'pixels'", "visibility.criterion = 'centroid'",
         ]  # fmt: skip
         # run-01 to run-04 are the combinations, the rest the same with the next seed
         numbers = [[float(rows[k][column]), float(rows[k + 4][column])] for k in range(4)]
         assert [values for line in panel.lines for values in line.values] == numbers
+
+
+def test_values_by_area_and_by_faces_have_no_common_axis(run, study, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "glvis.outputs.series_tables.write_sweep",
+        lambda path, panels, **options: drawn.extend(panel.quantity for panel in panels),
+    )
+    out = tmp_path / "out"
+    assert run("optimize", study, "-o", out, "--sweep", "objective.by_area=false,true")[0] == 0
+    assert drawn == ["faces seen [%]", "area seen [%]"]
+    points = json.loads((out / "sweep.json").read_text())["points"]
+    assert [point["objective"] for point in points] == ["OF3", "OF3 by area"]
 
 
 def test_other_commands_work_on_a_run_and_name_one_where_the_series_is_given(run, study, tmp_path):

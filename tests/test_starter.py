@@ -171,6 +171,11 @@ def test_command_prints_the_next_three(tmp_path, capsys):
     assert load_study(out / "study.toml").sensor_names == ("K1", "K2")
 
 
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_a_first_study_says_what_it_optimises_and_how(tmp_path, example):
+    assert load_study(write_starter(tmp_path, example=example)).assumed == ()
+
+
 def test_arm_is_closed_and_looks_outwards(tmp_path):
     model = model_of(arm())
     assert model.is_closed

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 COVERAGE_TEXT = """\
 [objective]
-kind = "of1"                   # the share of faces that at least one sensor sees
+kind = "of1"                   # the share that at least one sensor sees
+by_area = true                 # of the surface; false: of the number of faces
 # kind = "of3"                 # counts overlap too: faces seen by two or three are worth most
 # aggregate = "min"            # over several models: the worst one instead of the mean
 """
@@ -19,7 +20,8 @@ OVERLAP_TEXT = """\
 [objective]
 kind = "of3"                   # counts overlap too: faces seen by two or three are worth most
 weights = "set1"               # Tables 1 and 2 of the paper; or w_tot, w_of1, w_of2 and overlap
-# kind = "of1"                 # the share of faces that at least one sensor sees
+by_area = false                # faces count one each, as in the paper; true: by their area
+# kind = "of1"                 # the share that at least one sensor sees
 """
 _SEARCH = """
 [search]
