@@ -83,7 +83,7 @@ def test_guesses_are_one_processs_work_and_what_is_within_reach_comes_on_top():
 
 @pytest.mark.parametrize(("method", "guesses"), [("auto", True), ("swarm", False)])
 def test_guesses_are_measured_in_a_small_search(tmp_path, method, guesses):
-    text = SMALL.replace("[swarm]", f"[search]\nmethod = '{method}'\n[swarm]")
+    text = SMALL.replace('method = "swarm"', f'method = "{method}"')
     cost = measured_cost(load_study(write_small_study(tmp_path, text)), max_seconds=0.2)
     assert (cost.guess_seconds > 0) == guesses
 

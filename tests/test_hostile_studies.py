@@ -41,8 +41,8 @@ TOO_MUCH = {  # what is put in place of what: what the line says
     ),
     "field of view of nothing": ("hfov_deg = 60", "hfov_deg = 1e-300", "be at least 1e-12"),
     "inertia": ("[swarm]", "[swarm]\ninertia = [0.1, 1e308]", "must be at most 1000"),
-    "overlap": ("[swarm]", "[objective]\noverlap = [1e308, 1e308]\n[swarm]", "overlap[0] = 1e+308"),
-    "weights": ("[swarm]", "[objective]\nw_tot = 1e308\n[swarm]", "be at most 1e+09 in size"),
+    "overlap": ("[objective]", "[objective]\noverlap = [1e308, 1e308]", "overlap[0] = 1e+308"),
+    "weights": ("[objective]", "[objective]\nw_tot = 1e308", "be at most 1e+09 in size"),
     "up": ("up = [0, 1, 0]", "up = [0, 1e308, 1e308]", "must be at most 1e+12 in size"),
     "images of gigabytes": (
         "resolution = [96, 64]",

@@ -68,7 +68,7 @@ KEY_TABLES = (
             "title": "for pictures and the page; the name of the file without one",
             "unit": "of all lengths: mm, cm, m, in, inch or ft; a single length may have its own, "
             'as "200 mm"',
-            "up": "direction that an image without roll shows upright",
+            "up": "direction that an image without roll shows upright; +Y of glTF, else +Z, without",
         },
     ),
     KeyTable(
@@ -78,7 +78,10 @@ KEY_TABLES = (
         {
             "models": "what is to be seen, each file on its own",
             "obstacles": "what hides what lies behind it and is never counted",
-            "scale": "factor of all coordinates in the files",
+            "assembly": "a name: all models together are one, as a robot's links are",
+            "scale": "factor of all coordinates in the files; told by the file's own unit where it "
+            "has one (glTF, 3MF), else 1",
+            "flip": "true, or a list of models: their normals point the other way",
             "max_edge": '"auto" cuts faces that are large beside a view into pieces; a length '
             'cuts to that; "off" leaves them whole, and a face counts whole',
         },

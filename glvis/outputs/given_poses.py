@@ -76,7 +76,13 @@ def _from_json(text: str, study: Study) -> Mapping[str, Any]:
         raise StudyError(f"must hold {{ sensor: 4 x 4 matrix, ... }}, or be {_KINDS}")
     if "poses" in found:
         return found
-    return {"poses": [{"name": name, "camera_to_world": pose} for name, pose in found.items()]}
+    return {
+        "poses": [
+            {"name": name, "camera_to_world": pose}
+            for name, pose in found.items()
+            if name in study.sensor_names
+        ]
+    }
 
 
 def _from_table(text: str, study: Study) -> Mapping[str, Any]:
