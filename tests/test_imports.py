@@ -96,7 +96,7 @@ ARROWS = {
     "result": "camera folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility complaints"
     " files indexes",
-    "given_poses": "camera errors folder reading rotations schema study",
+    "given_poses": "camera complaints errors files folder indexes reading rotations schema study",
     "framing": "camera",
     "normals": "",
     "shading": "camera context errors framing glsl normals",
