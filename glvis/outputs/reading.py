@@ -179,7 +179,7 @@ def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:
         if found is None or found.dtype != bool or found.shape != (len(names), model.n_faces):
             raise StudyError(f"{path}: its maps are not those of the study")
         maps.append(VisibilityMap(model.name, names, found))
-        pieces = arrays.get(model.name + PIECE_OF)
+        pieces = arrays.get(model.name + PIECE_OF, np.zeros(0))
         if model.pieces and not np.array_equal(pieces, model.pieces.file_face):
             raise StudyError(f"{path}: its pieces are not those of the study")
     return tuple(maps)
@@ -232,7 +232,8 @@ def read_trace(path: Path) -> tuple[TraceRow, ...]:
         if tuple(next(lines, ())) != TraceRow._fields:
             raise StudyError(f"{path}: must have the columns {', '.join(TraceRow._fields)}")
         trace = []
-        for number, row in enumerate(lines, start=2):
+        for row in lines:
+            number = lines.line_num
             found = TraceRow(*(kind(cell) for kind, cell in zip(kinds, row, strict=True)))
             if not np.isfinite([found.best, found.mean, found.std, found.seconds]).all():
                 raise ValueError
