@@ -22,7 +22,7 @@ _MOST_PROMISED = 20_000_000  # entries that are not in the file itself, and as m
 _PROMISED_A_BYTE = 16
 _MOST_UNFOLDED, _MOST_RATIO = 1 << 30, 100  # bytes of XML, and how often as many as are packed
 _CHUNK = 1 << 20
-_ELEMENT = re.compile(rb"<(?:[\w.-]+:)?(object|component|item)\s([^>]{0,4096})>")
+_ELEMENT = re.compile(rb"<(?:[\w.-]+:)?(object|component|item)\s([^>]{0,65536})>")
 _ID = re.compile(rb"""\b(?:object)?id\s*=\s*["']([^"']*)["']""")
 
 
@@ -130,7 +130,7 @@ def _check_parts(parts: int, suffix: str) -> None:
     most = _MOST_PARTS[suffix]
     if parts > most:
         raise ValueError(
-            f"places {parts:,} parts, more than {most:,}; join them in the program it comes from"
+            f"places more than {most:,} parts; join them in the program that it comes from"
         )
 
 

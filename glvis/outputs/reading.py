@@ -226,14 +226,13 @@ def read_trace(path: Path) -> tuple[TraceRow, ...]:
         If it cannot be read.
     """
     kinds = get_type_hints(TraceRow).values()
-    number = 0
+    lines = csv.reader([])
     try:
         lines = csv.reader(read_text(path, _MOST_TRACE).splitlines())
         if tuple(next(lines, ())) != TraceRow._fields:
             raise StudyError(f"{path}: must have the columns {', '.join(TraceRow._fields)}")
         trace = []
         for row in lines:
-            number = lines.line_num
             found = TraceRow(*(kind(cell) for kind, cell in zip(kinds, row, strict=True)))
             if not np.isfinite([found.best, found.mean, found.std, found.seconds]).all():
                 raise ValueError
@@ -241,6 +240,6 @@ def read_trace(path: Path) -> tuple[TraceRow, ...]:
     except StudyError:
         raise
     except (ValueError, OverflowError, csv.Error) as error:
-        fact = f"line {number} is broken" if number else error
+        fact = f"line {lines.line_num} is broken" if lines.line_num else error
         raise StudyError(f"{path}: {fact}") from None
     return tuple(trace)
