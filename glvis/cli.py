@@ -6,6 +6,7 @@ Exit codes: 0, 2 for what the user wrote (``StudyError``), 1 for what the machin
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -44,11 +45,23 @@ app = typer.Typer(
 _UsageError: Any = typer.BadParameter.__bases__[0]
 
 
+class _Teller(logging.Handler):
+    """Says what the library does that takes long, such as reading a large mesh."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from glvis.terminal import say
+
+        say(record.getMessage(), error=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # names in letters that this terminal lacks
             stream.reconfigure(errors="replace")
+    log = logging.getLogger("glvis")
+    log.setLevel(logging.INFO)
+    log.handlers = [_Teller()]
     words = list(sys.argv[1:] if arguments is None else arguments)
     if wrong := [word for word in words if not _is_text(word)]:
         from glvis.inputs.files import printable

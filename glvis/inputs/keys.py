@@ -68,7 +68,7 @@ KEY_TABLES = (
             "title": "for pictures and the page; the name of the file without one",
             "unit": "of all lengths: mm, cm, m, in, inch or ft; a single length may have its own, "
             'as "200 mm"',
-            "up": "direction that an image without roll shows upright; else +Y of glTF, +Z of others",
+            "up": "direction that an image without roll shows upright; +Y of glTF, else +Z",
         },
     ),
     KeyTable(

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.inputs.complaints import shortened
+
 _STL_HEADER = 84
 _STL_FACET = np.dtype(
     [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
@@ -80,7 +82,9 @@ def _ascii_corners(text: bytes) -> NDArray[np.float64]:
         return np.array(rows, dtype=np.bytes_).astype(np.float64).reshape(-1, 3, 3)
     except ValueError:
         word = next(word for row in rows for word in row if not _is_number(word))
-        raise ValueError(f"is broken: '{word.decode(errors='replace')}' is no number") from None
+        raise ValueError(
+            f"is broken: '{shortened(word.decode(errors='replace'))}' is no number"
+        ) from None
 
 
 def _is_number(word: bytes) -> bool:
@@ -118,7 +122,7 @@ def read_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
                 if len(corners) < 3 or 0 in corners:
                     raise ValueError
         except ValueError:
-            raise ValueError(f"line {number} is broken: '{line.strip()[:60]}'") from None
+            raise ValueError(f"line {number} is broken: '{shortened(line)}'") from None
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), fans(polygons)
 
 
@@ -154,15 +158,24 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         if any(len(p) != int(w[0]) for p, w in zip(polygons, faces, strict=True)):
             raise ValueError("a face has fewer corners than it promises")
     except ValueError as error:
-        raise ValueError(f"is a broken OFF: {error}") from None
+        raise ValueError(f"is a broken OFF: {shortened(str(error))}") from None
     return vertices.reshape(-1, 3), fans(polygons)
 
 
 def fans(polygons: Sequence[Sequence[int]]) -> NDArray[np.int64]:
-    """Return triangles (F, 3) of polygons, each a fan about its first corner, in their order."""
+    """Return triangles (F, 3) of polygons, each a fan about its first corner, in their order.
+
+    Raises
+    ------
+    ValueError
+        If a corner is a number of more than 64 bits.
+    """
     triangles = [
         (corners[0], corners[i], corners[i + 1])
         for corners in polygons
         for i in range(1, len(corners) - 1)
     ]
-    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    try:
+        return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    except OverflowError:
+        raise ValueError("has a face of a vertex whose number has more than 64 bits") from None

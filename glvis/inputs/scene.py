@@ -7,6 +7,7 @@ that talks to trimesh.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -16,12 +17,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.inputs.complaints import shortened
 from glvis.inputs.meshfiles import fans, read_obj, read_off, read_stl
+from glvis.inputs.meshlimits import check_limits
 from glvis.inputs.welding import merged_where_identical
+
+_LOG = logging.getLogger(__name__)
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 
 _FARTHEST = 1e12  # scene units; a file with larger numbers is broken
+_LARGE = 20_000_000  # bytes, from which on reading takes seconds and is told
+_SMALLEST = 1e-9  # scene units across; squares of squares leave the range of single floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +128,9 @@ class Model:
         model = cls(name, _read_only(merged), _read_only(merged_faces), path)
         if not model.areas.any():
             raise ValueError(f"has {model.n_faces} faces and none of them has any area")
+        across = float(np.ptp(model.bounds, axis=0).max())
+        if across < _SMALLEST:
+            raise ValueError(f"is {across:.3g} across, less than {_SMALLEST:g}; is its unit right?")
         return model
 
     def flipped(self) -> Model:
@@ -278,7 +288,12 @@ def load_model(path: str | Path, scale: float = 1.0) -> Model:
             raise ValueError(f"has the suffix '{path.suffix}'; meshes can be read from {known}")
         if path.stat().st_size == 0:
             raise ValueError("is empty")
-        vertices, faces = _READERS.get(suffix, _read_by_trimesh)(path)
+        check_limits(path)
+        size = path.stat().st_size
+        if size >= _LARGE:
+            _LOG.info("Reading %s, %.0f MB ...", path.name, size / 1e6)
+        with np.errstate(all="ignore"):  # numbers cast to nonsense are refused below
+            vertices, faces = _READERS.get(suffix, _read_by_trimesh)(path)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from error
     except MemoryError:
@@ -348,7 +363,7 @@ def _faces_in_order(part: Any) -> NDArray[np.int64]:
 
 def _first_line(error: Exception) -> str:
     """Return the first line of a foreign error, or its type where it says nothing."""
-    return next(iter(str(error).splitlines()), "") or type(error).__name__
+    return shortened(next(iter(str(error).splitlines()), ""), 200) or type(error).__name__
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -6,7 +6,6 @@ Pixels are counted from the upper left corner of the image, whose first pixel ha
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from pathlib import Path
@@ -20,7 +19,7 @@ from glvis.inputs.schema import MM_PER_UNIT
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
 from glvis.outputs.mounting import setting_of_pose
-from glvis.outputs.result import sensor_poses
+from glvis.outputs.result import sensor_poses, write_csv
 from glvis.outputs.rotations import BODY, OPTICAL, quaternion, roll_pitch_yaw
 
 _README = """\
@@ -76,10 +75,7 @@ def write_poses(placement: Placement, path: Path) -> None:
                 **intrinsics,
             }
         )
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(path, list(rows[0]), [list(row.values()) for row in rows])
 
 
 def write_exports(placement: Placement, directory: Path, *, meshes: bool = True) -> None:

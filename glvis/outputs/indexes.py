@@ -1,4 +1,4 @@
-"""The schema of ``result.json`` and of a series' index: what reading relies on, with its limits.
+"""The schema of ``result.json`` and of a series' index: what reading relies on, with limits.
 
 Both may come from anywhere. Keys that nobody reads back may be anything.
 """

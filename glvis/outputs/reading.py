@@ -170,7 +170,7 @@ def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:
         if found is None or found.dtype != bool or found.shape != (len(names), model.n_faces):
             raise StudyError(f"{path}: its maps are not those of the study")
         maps.append(VisibilityMap(model.name, names, found))
-        pieces = arrays.get(model.name + PIECE_OF)
+        pieces = arrays.get(model.name + PIECE_OF, np.zeros(0))
         if model.pieces and not np.array_equal(pieces, model.pieces.file_face):
             raise StudyError(f"{path}: its pieces are not those of the study")
     return tuple(maps)
@@ -217,13 +217,13 @@ def read_trace(path: Path) -> tuple[TraceRow, ...]:
         If it cannot be read.
     """
     kinds = get_type_hints(TraceRow).values()
-    number = 0
+    lines = csv.reader([])
     try:
         lines = csv.reader(read_text(path, _MOST_TRACE).splitlines())
         if tuple(next(lines, ())) != TraceRow._fields:
             raise StudyError(f"{path}: must have the columns {', '.join(TraceRow._fields)}")
         trace = []
-        for number, row in enumerate(lines, start=2):
+        for row in lines:
             found = TraceRow(*(kind(cell) for kind, cell in zip(kinds, row, strict=True)))
             if not np.isfinite([found.best, found.mean, found.std, found.seconds]).all():
                 raise ValueError
@@ -231,6 +231,6 @@ def read_trace(path: Path) -> tuple[TraceRow, ...]:
     except StudyError:
         raise
     except (ValueError, OverflowError, csv.Error) as error:
-        fact = f"line {number} is broken" if number else error
+        fact = f"line {lines.line_num} is broken" if lines.line_num else error
         raise StudyError(f"{path}: {fact}") from None
     return tuple(trace)

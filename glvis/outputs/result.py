@@ -39,6 +39,7 @@ SENSOR_NAMES = "sensors"  # the key of visibility.npz that is no model
 # After a model's name, where its faces were cut: the share of each face of the file that is seen,
 # what was found for the pieces, and which of the file's faces each of them is a piece of.
 SEEN_SHARE, PIECES, PIECE_OF = ":seen_share", ":pieces", ":piece_of"
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # how a cell begins that spreadsheets run
 _PACKAGES = ("moderngl", "glcontext", "numpy", "trimesh", "pyswarms", "scipy", "pillow")
 
 
@@ -330,8 +331,13 @@ def sha256(path: Path) -> str:
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a table; every float is exact."""
+    """Write a table; every float is exact, and no text is a formula to a spreadsheet."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+        writer.writerows([_cell(value) for value in row] for row in (header, *rows))
+
+
+def _cell(value: Any) -> Any:
+    """Return a value as a cell: a text that would be run, such as "=1+1", after an apostrophe."""
+    is_formula = isinstance(value, str) and value.startswith(_FORMULAS)
+    return f"'{value}" if is_formula else value
