@@ -17,7 +17,7 @@ from glvis.drawing.gapviews import GapViews, gap_views
 from glvis.drawing.palette import UNSEEN_COLOR
 from glvis.drawing.places import Box, grid, halves
 from glvis.drawing.sheet import Sheet
-from glvis.drawing.stage import Stage
+from glvis.drawing.stage import VEIL, Stage
 
 SIZE = (1600, 1000)
 _HEAT_RELIEF = 0.55  # light and shade must not be taken for a value
@@ -106,7 +106,7 @@ def unseen_sheet(
         inks = np.tile(UNSEEN_COLOR, (len(places), 1))
         pixels = eye.project(places, frame.size)
         sheet.draw_labels(frame, pixels, names, inks, float(sheet.units(9)), is_pointing=True)
-    return _with_legend(sheet, stage, painted, box)
+    return _with_legend(sheet, stage, painted, box, opacity=VEIL)
 
 
 def _gap_words(stage: Stage, found: GapViews) -> str:
@@ -122,10 +122,18 @@ def _gap_words(stage: Stage, found: GapViews) -> str:
     return words
 
 
-def neutral_rows(stage: Stage) -> list[Swatch]:
-    """Return the legend's rows for what was drawn and has no colour of its own."""
+def neutral_rows(stage: Stage, opacity: float = 1.0) -> list[Swatch]:
+    """Return the legend's rows for what was drawn and has no colour of its own.
+
+    Parameters
+    ----------
+    stage : Stage
+        Knows what was drawn.
+    opacity : float
+        Of obstacles.
+    """
     backs = [back_swatch()] if stage.shows_backs else []
-    return [*backs, *([obstacle_swatch()] if stage.study.obstacles else [])]
+    return [*backs, *([obstacle_swatch(opacity)] if stage.study.obstacles else [])]
 
 
 def subtitle(stage: Stage, facts: str = "") -> str:
@@ -149,11 +157,13 @@ def _prepared(stage: Stage, painted: Coloring, size: tuple[int, int]) -> tuple[S
     return sheet, Box(margin, top, right, size[1] - top - margin)
 
 
-def _with_legend(sheet: Sheet, stage: Stage, painted: Coloring, box: Box) -> Sheet:
+def _with_legend(
+    sheet: Sheet, stage: Stage, painted: Coloring, box: Box, *, opacity: float = 1.0
+) -> Sheet:
     """Return the sheet with its legend beside the pictures, which say what must be in it."""
     width, margin = sheet.legend_width([painted]), sheet.units(28)
     column = Box(sheet.size[0] - margin - width, box.y, width, box.height)
-    sheet.legend(column, painted, neutral_rows(stage))
+    sheet.legend(column, painted, neutral_rows(stage, opacity))
     return sheet
 
 
@@ -275,7 +285,8 @@ def _view_titles(stage: Stage, view: View) -> tuple[str, ...]:
     """Return where a view is from, in words and along which axis; the longest first."""
     label = axis_label(towards_eye(stage.study.up, view.azimuth_deg, view.elevation_deg))
     if label:
-        return f"{view.name}, from {label}", view.name
+        named = (f"{view.name}, from {label}", view.name)
+        return named if view.is_parallel else (f"from {label}",)
     azimuth, elevation = (
         f"{angle:g}°".replace("-", "−") for angle in (view.azimuth_deg, view.elevation_deg)
     )

@@ -88,7 +88,7 @@ function buildToggles() {
     byId('show').append(element('label', {}, box, text));
     toggles[name] = box;
   };
-  add('frusta', 'Frusta');
+  add('frusta', 'Whole frusta');
   if (study.obstacles.length) add('obstacles', 'Obstacles');
   add('labels', 'Labels');
   add('edges', 'Mesh edges');
