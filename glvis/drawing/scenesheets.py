@@ -43,14 +43,29 @@ def perspective_sheet(
     painted: Coloring,
     size: tuple[int, int] = SIZE,
     direction: tuple[float, float] | None = None,
+    *,
+    is_fixed: bool = False,
 ) -> Sheet:
-    """Return the scene with its sensors and their frusta, and the model large."""
+    """Return the scene with its sensors and their frusta, and the model large.
+
+    Parameters
+    ----------
+    stage, painted, size, direction
+        As for the other sheets.
+    is_fixed : bool
+        Whether the model stands above and the scene below, wherever the sensors are: so that
+        sheets of several layouts can be laid side by side.
+    """
     view = _directed(stage, direction)
     with_rig = _Panel(view, with_rig=True, with_frusta=True)
     scales = [stage.eye(view, size, with_rig=rig).pixels_per_length(size) for rig in (True, False)]
-    panels = [with_rig] if scales[0] >= _SMALL * scales[1] else [_Panel(view), with_rig]
+    is_single = scales[0] >= _SMALL * scales[1] and not is_fixed
+    panels = [with_rig] if is_single else [_Panel(view), with_rig]
     sheet, box = _prepared(stage, painted, size)
-    cells = [box] if len(panels) == 1 else _split(sheet, box, stage, panels)
+    if is_fixed:
+        cells = halves(box, 0.5, sheet.units(12), stacked=True)
+    else:
+        cells = [box] if is_single else _split(sheet, box, stage, panels)
     for cell, panel in zip(cells, panels, strict=True):
         _draw_panel(sheet, cell, stage, panel, relief=1.0)
     return _with_legend(sheet, stage, painted, box)
