@@ -114,7 +114,7 @@ def unseen_sheet(
     panels = [_Panel(view, veiled=True) for view in found.views]
     painted = replace(painted, note=f"{painted.note}{_gap_words(stage, found)}")
     sheet, box = _prepared(stage, painted, size)
-    eyes = _draw_panels(sheet, box, stage, panels, (1, 2, 4)[: 1 + len(panels) // 2])
+    eyes = _draw_panels(sheet, box, stage, panels, (1, 2) if len(panels) == 2 else (2,))
     for v, (frame, eye) in enumerate(eyes):
         places = np.array([at[v] for at in found.places]).reshape(-1, 3)
         names = [str(k) for k in range(1, len(places) + 1)]
@@ -133,7 +133,7 @@ def _gap_words(stage: Stage, found: GapViews) -> str:
     sizes = [f"{k}:\u00a0{share(gap.area / total)}" for k, gap in enumerate(found.gaps, start=1)]
     words = f" Largest gaps, of the area: {', '.join(sizes)}."
     if inside := found.hidden_gaps():
-        words += f" No view from outside shows {' and '.join(map(str, inside))}."
+        words += f" None of these views shows {' and '.join(map(str, inside))}."
     return words
 
 
