@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from studies import SMALL, write_small_study
 
 from glvis.camera import camera_to_world
@@ -28,6 +29,7 @@ from glvis.outputs.compare import (
     named,
     sensor_moves,
     shared_models,
+    write_comparison,
 )
 from glvis.outputs.folder import files_below
 
@@ -188,6 +190,20 @@ def test_names_are_as_long_as_they_must_be_to_differ(layouts):
     assert [layout.name for layout in named(paths, [placement] * 2)] == ["a", "b"]
     twice = [layout.name for layout in named([paths[0]] * 2, [placement] * 2)]
     assert len(set(twice)) == 2
+
+
+def test_models_side_by_side_are_drawn_alike_wherever_sensors_stand(layouts, tmp_path, monkeypatch):
+    monkeypatch.setattr("glvis.outputs.compare._SIZE", (400, 400))
+    one = layouts[0].placement
+    far = one.camera_to_world.copy()
+    far[:, :3, 3] *= 5
+    others = [layouts[0], Layout("far", replace(one, camera_to_world=far))]
+    monkeypatch.setattr("glvis.outputs.compare.cut_alike", lambda given: given)
+    (picture, *_) = write_comparison(others, tmp_path)
+    upper = np.array(Image.open(picture).convert("RGB"))[60:190].astype(int)  # the model alone
+    near, far_off = upper[:, :260], upper[:, 400:660]
+    assert (near != 255).any(axis=2).mean() > 0.1
+    assert np.abs(near - far_off).max(axis=2).max() < 3
 
 
 def test_pictures_come_into_a_new_folder(tmp_path, capsys, monkeypatch):

@@ -15,6 +15,7 @@ from glvis.drawing.stage import Stage
 from glvis.inputs.regions import largest_regions
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
+from glvis.sight.visibility import VisibilityMap
 
 STUDY = """
 title = "Two walls"
@@ -170,6 +171,27 @@ def test_only_regions_worth_telling_are_told(walls):
     assert sorted(gap.faces.tolist()) == INNER
     every_other = np.arange(model.n_faces) % 2 == 0  # pieces that share no edge
     assert len(largest_regions(model, every_other)) == 4
+
+
+def test_gap_of_a_real_part_that_two_fixed_views_missed_shows(shared_data, tmp_path):
+    mesh = shared_data / "parts" / "featuretype.STL"
+    if not mesh.is_file():
+        pytest.skip(f"{mesh} is not there; the gap of that part is not looked for")
+    text = STUDY.format(obstacles="").replace("walls.off", str(mesh))
+    (tmp_path / "part.toml").write_text(text)
+    study = load_study(tmp_path / "part.toml")
+    model = study.models[0]
+    # as told by 'explain' of a layout: around (2.2, 0, 0.2) inches, facing +X -Z
+    slope = (model.normals[:, 0] > 0.3) & (model.normals[:, 2] < -0.3)
+    unseen = slope & (np.abs(model.centroids[:, [0, 2]] - [2.2, 0.2]) < 0.4).all(axis=1)
+    assert 0.02 < model.areas[unseen].sum() / model.areas.sum() < 0.05
+    found = VisibilityMap(model.name, study.sensor_names, ~unseen[None])
+    with Stage(study, study.rig.poses(np.zeros((1, 0)))[0]) as stage:
+        painted = coloring("unseen", stage.show(0, found))
+        stage.paint(painted.colors)
+        views = gap_views(stage, stage.views()["perspective"])
+        assert max(shown(stage, view) for view in views.views) > 100
+        assert loud(panels(unseen_sheet(stage, painted, (640, 400)))).sum() > 100
 
 
 def test_loud_means_the_colour_of_what_nobody_sees():

@@ -2,11 +2,13 @@
 
 A torus over a grey pad, seen by three cameras A, B and C. To be seen in each:
 
-- scene: three camera bodies in blue, orange and green, each with its name, an axis and a thin
-  frustum; the torus in their colours, what none sees red and striped; a legend with shares, axes
-  with letters, a scale bar.
+- scene: the torus alone in the colours of the cameras, what none sees red and striped; beside it
+  three camera bodies in blue, orange and green, each with its name, an axis that ends at what it
+  aims at and the beginning of a frustum; a legend with shares, axes with letters, a scale bar.
 - sides: top, front and right with the cameras, and the torus alone from behind.
 - overlap: the same from no camera (striped) over one (yellow) to three (teal).
+- unseen: the torus in light grey from where most of the red and striped shows, the pad as faint as
+  glass, a number with a dot at each large gap and its share in the note.
 - incidence: two views of the torus alone, bright where it is seen squarely, and a colour bar.
 - through: what camera A sees in blue, what it refuses in light grey, the pad in dark grey.
 - depth: the same from light (near) to dark (far), with a colour bar in mm.
@@ -24,7 +26,7 @@ import pytest
 from PIL import Image
 
 from glvis.drawing.coloring import coloring
-from glvis.drawing.scenesheets import close_sheet, perspective_sheet, sides_sheet
+from glvis.drawing.scenesheets import close_sheet, perspective_sheet, sides_sheet, unseen_sheet
 from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
 from glvis.drawing.stage import Stage
 from glvis.optim.evaluator import Evaluator
@@ -49,6 +51,7 @@ PICTURES = {
     "scene": painted(perspective_sheet, "sensor"),
     "sides": painted(sides_sheet, "sensor"),
     "overlap": painted(perspective_sheet, "overlap"),
+    "unseen": painted(unseen_sheet, "unseen"),
     "incidence": painted(close_sheet, "incidence"),
     "through": lambda stage: sensor_sheet(stage, 0, SIZE),
     "depth": lambda stage: depth_sheet(stage, 0, SIZE),

@@ -123,6 +123,31 @@ def test_shares_are_of_the_area_where_the_objective_is(show):
         assert headline[1] == ("area seen" if by_area else "seen")
 
 
+def test_longest_headline_fits_the_panel(show):
+    vertices, faces = plate()
+    faces = np.tile(faces, (10, 1))
+    visible = np.ones((2, len(faces)), dtype=bool)
+    visible[:, 0] = False  # one face of thousands
+    for size in ((1280, 800), (390, 844)):
+        tab = show(example(models=[PageModel("flat", vertices, faces, visible)]), size)
+        found = tab.run(
+            "[...document.querySelectorAll('#stats b')].map((b) => [b.textContent,"
+            " b.getBoundingClientRect().right])"
+        )
+        assert [text.replace("\u00a0", " ") for text, _ in found] == ["> 99.9 %"] * 2 + ["< 0.1 %"]
+        lefts = tab.run(
+            "[...document.querySelectorAll('#stats b')].map((b) => b.getBoundingClientRect().left)"
+        )
+        assert found[0][1] <= lefts[1]
+        assert found[1][1] <= lefts[2]
+        panel = tab.run("document.querySelector('.panel').getBoundingClientRect().right")
+        widths = tab.run(
+            "[...document.querySelectorAll('#stats b')].map((b) => b.scrollWidth <= b.clientWidth)"
+        )
+        assert found[2][1] <= panel
+        assert all(widths)
+
+
 # ---- names and tables
 
 

@@ -219,9 +219,10 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
     )
 
 
-def obstacle_swatch() -> Swatch:
-    """Return the legend's row for obstacles."""
-    return Swatch(OBSTACLE_COLOR, "obstacle")
+def obstacle_swatch(opacity: float = 1.0) -> Swatch:
+    """Return the legend's row for obstacles, on white where they are seen through."""
+    color = np.round(255 - opacity * (255.0 - OBSTACLE_COLOR)).astype(np.uint8)
+    return Swatch(color, "obstacle" if opacity == 1 else "obstacle, faint")
 
 
 def back_swatch() -> Swatch:

@@ -27,6 +27,7 @@ _LIFT = 2.0  # pixels that a point may lie behind what is drawn: surfaces are se
 _SHOWN = 0.5  # of what the best view shows of a gap, that a view must show for it to be shown
 _BETTER = 1.15  # times as much another view must show than the one that all pictures share
 _FROM_BELOW = 0.1  # what a view of a room from below counts, unless nothing else shows a gap
+_ASIDE = 0.5  # what other faces count in a view that is there for a gap
 _MOST_VIEWS = 4
 _LARGE = 200_000  # faces of a model that is looked at from half as many sides
 
@@ -50,7 +51,7 @@ class GapViews:
     places: list[Floats]
 
     def hidden_gaps(self) -> list[int]:
-        """Return the numbers, from 1, of the gaps that no view shows."""
+        """Return the numbers, from 1, of the gaps that none of the views shows at all."""
         return [k for k, at in enumerate(self.places, start=1) if np.isnan(at).all()]
 
 
@@ -132,12 +133,15 @@ def gap_views(stage: Stage, first: View, *, is_fixed: bool = False) -> GapViews:
     add(known.left(views), liking)
     gaps = [known.of_gap(k) for k in range(len(known.gaps))]
     enough = [_SHOWN * known.amounts(candidates, gap).max() for gap in gaps]
-    for gap, least in zip(gaps, enough, strict=True):
-        if len(views) < _MOST_VIEWS and known.amounts(views, gap).max() < least:
-            add(gap)
+    for gap, wanted in zip(gaps, enough, strict=True):
+        if len(views) < _MOST_VIEWS and known.amounts(views, gap).max() < wanted:
+            shows_it = known.amounts(candidates, gap) >= wanted
+            add(gap + _ASIDE * known.left(views), shows_it.astype(float))
     if len(views) == _MOST_VIEWS - 1:  # a sheet has room for four
         add(known.left(views), liking)
-    places = [_places(known, views, *one) for one in zip(gaps, enough, strict=True)]
+    # where there is room for no view that shows a gap well, the one that shows most of it will do
+    least = [min(e / 2, known.amounts(views, g).max()) for e, g in zip(enough, gaps, strict=True)]
+    places = [_places(known, views, *one) for one in zip(gaps, least, strict=True)]
     return GapViews(views, known.gaps, places)
 
 

@@ -17,7 +17,7 @@ from glvis.drawing.gapviews import GapViews, gap_views
 from glvis.drawing.palette import UNSEEN_COLOR
 from glvis.drawing.places import Box, grid, halves
 from glvis.drawing.sheet import Sheet
-from glvis.drawing.stage import Stage
+from glvis.drawing.stage import VEIL, Stage
 
 SIZE = (1600, 1000)
 _HEAT_RELIEF = 0.55  # light and shade must not be taken for a value
@@ -43,14 +43,29 @@ def perspective_sheet(
     painted: Coloring,
     size: tuple[int, int] = SIZE,
     direction: tuple[float, float] | None = None,
+    *,
+    is_fixed: bool = False,
 ) -> Sheet:
-    """Return the scene with its sensors and their frusta, and the model large."""
+    """Return the scene with its sensors and their frusta, and the model large.
+
+    Parameters
+    ----------
+    stage, painted, size, direction
+        As for the other sheets.
+    is_fixed : bool
+        Whether the model stands above and the scene below, wherever the sensors are: so that
+        sheets of several layouts can be laid side by side.
+    """
     view = _directed(stage, direction)
     with_rig = _Panel(view, with_rig=True, with_frusta=True)
     scales = [stage.eye(view, size, with_rig=rig).pixels_per_length(size) for rig in (True, False)]
-    panels = [with_rig] if scales[0] >= _SMALL * scales[1] else [_Panel(view), with_rig]
+    is_single = scales[0] >= _SMALL * scales[1] and not is_fixed
+    panels = [with_rig] if is_single else [_Panel(view), with_rig]
     sheet, box = _prepared(stage, painted, size)
-    cells = [box] if len(panels) == 1 else _split(sheet, box, stage, panels)
+    if is_fixed:
+        cells = halves(box, 0.5, sheet.units(12), stacked=True)
+    else:
+        cells = [box] if is_single else _split(sheet, box, stage, panels)
     for cell, panel in zip(cells, panels, strict=True):
         _draw_panel(sheet, cell, stage, panel, relief=1.0)
     return _with_legend(sheet, stage, painted, box)
@@ -99,14 +114,14 @@ def unseen_sheet(
     panels = [_Panel(view, veiled=True) for view in found.views]
     painted = replace(painted, note=f"{painted.note}{_gap_words(stage, found)}")
     sheet, box = _prepared(stage, painted, size)
-    eyes = _draw_panels(sheet, box, stage, panels, (1, 2, 4)[: 1 + len(panels) // 2])
+    eyes = _draw_panels(sheet, box, stage, panels, (1, 2) if len(panels) == 2 else (2,))
     for v, (frame, eye) in enumerate(eyes):
         places = np.array([at[v] for at in found.places]).reshape(-1, 3)
         names = [str(k) for k in range(1, len(places) + 1)]
         inks = np.tile(UNSEEN_COLOR, (len(places), 1))
         pixels = eye.project(places, frame.size)
         sheet.draw_labels(frame, pixels, names, inks, float(sheet.units(9)), is_pointing=True)
-    return _with_legend(sheet, stage, painted, box)
+    return _with_legend(sheet, stage, painted, box, opacity=VEIL)
 
 
 def _gap_words(stage: Stage, found: GapViews) -> str:
@@ -118,14 +133,22 @@ def _gap_words(stage: Stage, found: GapViews) -> str:
     sizes = [f"{k}:\u00a0{share(gap.area / total)}" for k, gap in enumerate(found.gaps, start=1)]
     words = f" Largest gaps, of the area: {', '.join(sizes)}."
     if inside := found.hidden_gaps():
-        words += f" No view from outside shows {' and '.join(map(str, inside))}."
+        words += f" None of these views shows {' and '.join(map(str, inside))}."
     return words
 
 
-def neutral_rows(stage: Stage) -> list[Swatch]:
-    """Return the legend's rows for what was drawn and has no colour of its own."""
+def neutral_rows(stage: Stage, opacity: float = 1.0) -> list[Swatch]:
+    """Return the legend's rows for what was drawn and has no colour of its own.
+
+    Parameters
+    ----------
+    stage : Stage
+        Knows what was drawn.
+    opacity : float
+        Of obstacles.
+    """
     backs = [back_swatch()] if stage.shows_backs else []
-    return [*backs, *([obstacle_swatch()] if stage.study.obstacles else [])]
+    return [*backs, *([obstacle_swatch(opacity)] if stage.study.obstacles else [])]
 
 
 def subtitle(stage: Stage, facts: str = "") -> str:
@@ -149,11 +172,13 @@ def _prepared(stage: Stage, painted: Coloring, size: tuple[int, int]) -> tuple[S
     return sheet, Box(margin, top, right, size[1] - top - margin)
 
 
-def _with_legend(sheet: Sheet, stage: Stage, painted: Coloring, box: Box) -> Sheet:
+def _with_legend(
+    sheet: Sheet, stage: Stage, painted: Coloring, box: Box, *, opacity: float = 1.0
+) -> Sheet:
     """Return the sheet with its legend beside the pictures, which say what must be in it."""
     width, margin = sheet.legend_width([painted]), sheet.units(28)
     column = Box(sheet.size[0] - margin - width, box.y, width, box.height)
-    sheet.legend(column, painted, neutral_rows(stage))
+    sheet.legend(column, painted, neutral_rows(stage, opacity))
     return sheet
 
 
@@ -275,7 +300,8 @@ def _view_titles(stage: Stage, view: View) -> tuple[str, ...]:
     """Return where a view is from, in words and along which axis; the longest first."""
     label = axis_label(towards_eye(stage.study.up, view.azimuth_deg, view.elevation_deg))
     if label:
-        return f"{view.name}, from {label}", view.name
+        named = (f"{view.name}, from {label}", view.name)
+        return named if view.is_parallel else (f"from {label}",)
     azimuth, elevation = (
         f"{angle:g}°".replace("-", "−") for angle in (view.azimuth_deg, view.elevation_deg)
     )

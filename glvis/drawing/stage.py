@@ -30,7 +30,7 @@ _CLIP_NEAR = 1e-3  # of maxD
 _DIRECTIONS = 400  # that extreme points of a large mesh are looked for in
 _SMALL_MESH = 20_000  # vertices that need no such reduction
 _STANDS = 0.02  # share of the area that lacks an underside where things stand on a floor
-_VEIL = 0.3  # opacity of obstacles that shall hide nothing
+VEIL = 0.3  # opacity of obstacles that shall hide nothing
 _AIM = (64, 64)  # pixels of a picture whose middle says what a sensor aims at
 _OPPOSITE = 0.25  # cosine below which the first view shows a face too obliquely to judge it
 
@@ -245,7 +245,7 @@ class Stage(Held):
         image = drawn(solids)
         if veiled and self._obstacles:
             without = drawn([solid for solid in solids if solid not in self._obstacles])
-            image = np.round(_VEIL * image + (1 - _VEIL) * without).astype(np.uint8)
+            image = np.round(VEIL * image + (1 - VEIL) * without).astype(np.uint8)
         return image
 
     def depth(

@@ -253,8 +253,8 @@ def _side_by_side(layouts: Sequence[Layout], model_name: str) -> Sheet:
             painted = coloring("sensor", seen)
             painted = replace(painted, title=f"{layout.name}: which sensor sees which face")
             stage.paint(painted.colors)
-            # the view follows from the model alone, so it is the same for all
-            one = perspective_sheet(stage, painted, _SIZE)
+            # the view follows from the model alone, so the model is drawn alike for all
+            one = perspective_sheet(stage, painted, _SIZE, is_fixed=True)
         sheet.paste(one.pixels(), column * width, 0)
     return sheet
 

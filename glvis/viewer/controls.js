@@ -88,7 +88,7 @@ function buildToggles() {
     byId('show').append(element('label', {}, box, text));
     toggles[name] = box;
   };
-  add('frusta', 'Frusta');
+  add('frusta', 'Whole frusta');
   if (study.obstacles.length) add('obstacles', 'Obstacles');
   add('labels', 'Labels');
   add('edges', 'Mesh edges');
@@ -109,6 +109,7 @@ function showNumbers(mesh) {
     tile(share(exactly[0]), 'unseen', byArea ? amount(exactly[0]) : `${number(exactly[0], 0)} faces, ${area(unseenArea, study.unit)}${ofArea}`, 'unseen'),
     element('p', { class: 'note' }, `${amount(exactly[0])} unseen${ofArea}` +
       (state.on.every(Boolean) ? '' : `, with ${state.on.filter(Boolean).length} of ${sensors.length} sensors`)));
+  byId('stats').classList.toggle('tight', [...byId('stats').querySelectorAll('b')].some((b) => b.textContent.length > 7)); // "> 99.9 %"
   const most = Math.max(...seen) || 1; // bars compare sensors, so the longest is full
   rows.forEach((row, s) => {
     row.box.checked = state.on[s];

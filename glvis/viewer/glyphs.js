@@ -56,7 +56,7 @@ function aimOf(sensor, meshes) {
  * frusta always; whole frusta where `state` wants them, they fill the picture.
  */
 function sensorLines(sensors, state, size, aims) {
-  const segments = [];
+  const segments = [], crowd = Math.min(1, 8 / sensors.length); // frusta of many are fainter
   sensors.forEach((sensor, s) => {
     if (!state.on[s] || state.through >= 0) return; // through a sensor, only the scene
     const focused = state.focus === s, faint = state.focus >= 0 && !focused ? 0.25 : 1;
@@ -76,8 +76,8 @@ function sensorLines(sensors, state, size, aims) {
     if (!whole) {
       for (const corner of rectangle(1))
         for (const [begin, stop, opacity] of [[0, 0.4, 0.6], [0.4, 0.75, 0.42], [0.75, 1, 0.28]])
-          draw(...[begin, stop].map((t) => add(sensor.center, sub(corner, sensor.center), t * short)), opacity);
-      loop(rectangle(short), 0.28);
+          draw(...[begin, stop].map((t) => add(sensor.center, sub(corner, sensor.center), t * short)), opacity * crowd);
+      loop(rectangle(short), 0.28 * crowd);
       return;
     }
     const weight = focused ? 1.75 : 1.25, range = focused ? 0.85 : 0.5;
