@@ -92,7 +92,8 @@ ARROWS = {
     "sheet": "coloring places",
     "plots": "palette",
     "seriesplots": "palette plots",
-    "stage": "camera coloring context framing glyphs palette sensor shading study visibility",
+    "stage": "camera coloring context framing glyphs palette sensor shading study visibility"
+    " winding",
     "scenesheets": "camera coloring framing places sheet stage",
     "sensorsheets": "coloring palette places scenesheets sheet stage",
     "pictures": "coloring plots scenesheets sensorsheets sheet stage study visibility",
@@ -109,7 +110,8 @@ ARROWS = {
     "series": "delivery errors folder placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
-    "wording": "checks errors estimate pieces placement study tables terminal visibility within_reach",
+    "wording": "checks errors estimate pieces placement study tables terminal visibility"
+    " within_reach",
     "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",

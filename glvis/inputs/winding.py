@@ -139,6 +139,14 @@ def is_in_solid(model: Model, points: ArrayLike) -> Bools:
     return np.asarray(numbers > free + 0.5)
 
 
+def encloses(model: Model, points: ArrayLike) -> bool:
+    """Return whether most of some points (P, 3) lie in the free space of a room, closed or nearly.
+
+    Its walls then stand between the points and whoever looks from outside.
+    """
+    return looks_inwards(model) and bool(np.median(winding_numbers(model, points)) < -0.5)
+
+
 def looks_inwards(model: Model) -> bool:
     """Return whether the faces of a model look at its middle more than away from it, as a room's.
 
