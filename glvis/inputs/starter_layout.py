@@ -23,6 +23,7 @@ from glvis.inputs.winding import looks_inwards, winding_numbers
 Floats = NDArray[np.float64]
 
 PLACES = ("around", "above", "room")
+KNOWN_SENSORS = tuple(CATALOGUE)
 _ELEVATION = math.radians(30)  # of the sensors about a part, above and below in turns
 _OWN_FOV = (60.0, 45.0)  # of a sensor made to measure, degrees
 _SMALLEST = 0.15  # radius of a part for a known sensor, of its maxD
@@ -303,6 +304,3 @@ def short(value: float) -> str:
 def _trimmed(value: float, digits: int) -> str:
     text = f"{value:.{max(0, digits)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-KNOWN_SENSORS = tuple(CATALOGUE)
