@@ -132,6 +132,8 @@ def test_check_warns_of_what_will_disappoint(glvis_cli, study):
     assert code == 0
     assert "Warning: cube: is 0.00173 mm across, the sensors reach 12 mm; is unit = 'mm'" in out
     assert "Warning: cube: 100 % of the faces are smaller than a pixel of eye" in out
+    assert out.count("smaller than a pixel") == 1  # not once a model
+    assert out.count("(likewise small: 2 models)") >= 2
 
 
 def test_check_says_what_a_study_leaves_to_defaults(glvis_cli, study):

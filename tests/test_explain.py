@@ -9,8 +9,11 @@ import pytest
 import shapes
 from studies import SMALL, write_small_study
 
+from glvis.inputs.checks import study_warnings
 from glvis.inputs.regions import regions
 from glvis.inputs.scene import Model
+from glvis.inputs.starter import write_starter
+from glvis.inputs.starter_study import Choices
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
 from glvis.outputs.explain import REASONS, SEEN, unseen_reasons, values_without
@@ -179,6 +182,20 @@ def test_a_mesh_that_is_inside_out_is_seen_from_behind(ball):
     turned = replace(ball.study, models=(model.flipped(),))
     found = unseen_reasons(evaluate_poses(turned))[0]
     assert np.array_equal(found == REASONS.index("seen from behind"), ball.maps[0].counts > 0)
+
+
+def test_a_cad_part_that_is_inside_out_is_seen_from_behind_and_not_hidden(tmp_path, shared_data):
+    part = shared_data / "parts" / "featuretype.STL"
+    path = write_starter(tmp_path / "s", [part], choices=Choices(sensors=2))
+    turned = load_study(path, ["scene.max_edge=off", "scene.flip=true"])
+    assert any("inside out" in line for line in study_warnings(turned))
+    found = evaluate_poses(turned)
+    assert found.maps[0].counts.astype(bool).mean() < 0.05
+    (model,), (reasons,) = turned.models, unseen_reasons(found)
+    behind = model.areas[reasons == REASONS.index("seen from behind")].sum()
+    proper = evaluate_poses(load_study(path, ["scene.max_edge=off"]))
+    seen = model.areas[proper.maps[0].counts > 0].sum()
+    assert behind > 0.98 * seen > 0.5 * model.areas.sum()
 
 
 def test_a_sheet_below_which_sensors_stand_is_seen_from_behind(tmp_path):

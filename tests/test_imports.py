@@ -106,7 +106,8 @@ ARROWS = {
     "sheet": "coloring places",
     "plots": "palette",
     "seriesplots": "palette plots",
-    "stage": "camera coloring context framing glyphs palette sensor shading study visibility",
+    "stage": "camera coloring context framing glyphs palette sensor shading study visibility"
+    " winding",
     "gapviews": "framing regions stage",
     "scenesheets": "camera coloring framing places sheet stage gapviews palette",
     "sensorsheets": "coloring palette places scenesheets sheet stage",

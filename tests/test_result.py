@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import write_small_study
+import shapes
+from studies import SMALL, write_small_study
 
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
@@ -229,6 +230,20 @@ def test_a_result_of_changed_meshes_is_refused(placement, written):
     path.write_text(json.dumps(index))
     with pytest.raises(StudyError, match=r"small\.off: has changed since the result was made"):
         read_result(written)
+
+
+def test_a_result_of_an_assembly_notices_which_part_has_changed(tmp_path):
+    text = SMALL.replace("[scene]", '[scene]\nassembly = "both"')
+    placement = evaluate_poses(load_study(write_small_study(tmp_path, text)))
+    with result_folder(tmp_path / "out") as folder:
+        write_data(placement, folder.staging)
+        write_summary(placement, folder.staging)
+    (entry,) = json.loads((tmp_path / "out" / "result.json").read_text())["models"]
+    assert [Path(part["file"]).name for part in entry["parts"]] == ["cube.off", "small.off"]
+    assert read_result(tmp_path / "out").maps[0].model_name == "both"
+    shapes.write_off(tmp_path / "small.off", shapes.cube(0.4))
+    with pytest.raises(StudyError, match=r"small\.off: has changed since the result was made"):
+        read_result(tmp_path / "out")
 
 
 def test_a_result_with_a_missing_or_broken_file_is_refused(written):

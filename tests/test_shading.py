@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from shapes import cube, icosphere, merged, plate, triangle
+from shapes import cube, flipped, icosphere, merged, plate, triangle
 
 from glvis.camera import camera_to_world, projection_matrix
 from glvis.drawing.coloring import BACK_COLOR
@@ -23,8 +23,8 @@ def _no_gl_error():
     assert gl_context().error == "GL_NO_ERROR"
 
 
-def solid(shape, color, opacity=255) -> Solid:
-    made = Solid(*shape, origin=(0, 0, 0))
+def solid(shape, color, opacity=255, **options) -> Solid:
+    made = Solid(*shape, origin=(0, 0, 0), **options)
     made.paint(np.tile([*color, opacity], (len(shape[1]), 1)))
     return made
 
@@ -46,6 +46,15 @@ def flat(size, solids, eye=None, **options):
         return canvas.image(
             eye or looking_down(size), solids, origin=(0, 0, 0), up=UP, relief=0.0, **options
         )
+
+
+def test_one_looks_through_the_backs_of_a_room():
+    size, floor, ceiling = (8, 8), plate(8.0), flipped(plate(8.0, center=(0, 0, 3)))
+    closed, opened = (
+        flat(size, [solid(merged(floor, ceiling), RED, has_backs=backs)]) for backs in (True, False)
+    )
+    assert np.abs(closed - BACK_COLOR[:3]).max() <= 1
+    assert np.abs(opened - RED).max() <= 1
 
 
 def test_pixels_inside_a_triangle_have_its_colour_and_no_others():

@@ -213,6 +213,16 @@ def test_scale_is_for_models_and_obstacles(load):
     np.testing.assert_allclose(study.obstacles[0].bounds[:, 0], [1900, 2100])
 
 
+def test_an_assembly_is_one_model_of_all_files_in_their_order(load, folder):
+    ball, box = load(STUDY).models
+    study = load(STUDY.replace("# scale = 1.0", 'assembly = "robot"\nflip = ["box"]'))
+    (whole,) = study.models
+    assert (whole.name, whole.n_faces) == ("robot", ball.n_faces + box.n_faces)
+    expected = np.concatenate([ball.vertices[ball.faces], box.vertices[box.faces[:, [0, 2, 1]]]])
+    assert np.array_equal(whole.vertices[whole.faces], expected)
+    assert whole.parts == tuple((folder / f"{name}.off").resolve() for name in ("ball", "box"))
+
+
 def test_flip_turns_the_normals_of_models_and_keeps_the_order_of_faces(load):
     normals = [model.normals for model in load(STUDY).models]
     for flip, signs in (("true", (-1, -1)), ("false", (1, 1)), ("['box']", (1, -1))):

@@ -18,7 +18,7 @@ from shapes import (
 )
 
 from glvis.inputs.scene import SUFFIXES, Model, load_model
-from glvis.inputs.winding import is_in_solid, looks_inwards, winding, winding_numbers
+from glvis.inputs.winding import encloses, is_in_solid, looks_inwards, winding, winding_numbers
 
 
 def model(shape: Shape) -> Model:
@@ -113,6 +113,14 @@ def test_solid_is_what_is_enclosed_and_in_a_room_what_is_not_free():
     assert looks_inwards(room)
     places = [(3.0, 0.8, 2.0), (0.3, 1.0, 0.5), (5.5, 4.0, 1.0), (-1, 2, 1)]
     assert is_in_solid(room, places).tolist() == [False, True, True, True]
+
+
+def test_a_room_encloses_what_stands_in_it():
+    places = [(3.0, 0.8, 2.0), (4.9, 2.0, 1.5), (0.3, 1.0, 0.5)]  # the last in a cabinet
+    room = model(rooms.room())
+    assert encloses(room, places)
+    assert not encloses(room, [(-1.0, 2, 1), (9.0, 2, 1)])
+    assert not encloses(model(icosphere(2, 9.0)), places)
 
 
 def test_real_meshes(shared_data):

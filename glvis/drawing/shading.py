@@ -66,10 +66,20 @@ class Solid:
         World frame, scene unit; counter-clockwise seen from the front.
     origin : (3,) float
         World point that float32 positions are relative to; the same for all solids of a picture.
+    has_backs : bool
+        Whether backs of faces are drawn; without them one looks into a room from outside.
     """
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike, origin: ArrayLike) -> None:
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        origin: ArrayLike,
+        *,
+        has_backs: bool = True,
+    ) -> None:
         context = gl_context()
+        self.has_backs = has_backs
         points, corners = np.asarray(vertices, dtype=float), np.asarray(faces)
         self.n_faces = len(corners)
         packed = np.concatenate(
@@ -256,7 +266,8 @@ class Canvas(Held):
             context.cull_face = culled
             context.polygon_offset = 0.0, steps_back
             for solid in solids:
-                solid.draw()
+                if solid.has_backs or culled == "back":
+                    solid.draw()
         context.polygon_offset = 0.0, 0.0
 
     def _draw_lines(self, eye: Eye, lines: Lines | None, origin: Floats, pixel: float) -> None:

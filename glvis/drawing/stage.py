@@ -18,6 +18,7 @@ from glvis.drawing.glyphs import frustum_corners, sensor_bodies, sensor_lines
 from glvis.drawing.palette import OBSTACLE_COLOR, sensor_colors
 from glvis.drawing.shading import Canvas, Lines, Solid
 from glvis.inputs.study import Study
+from glvis.inputs.winding import encloses
 from glvis.sight.context import Held
 from glvis.sight.visibility import VisibilityMap
 
@@ -98,7 +99,8 @@ class Stage(Held):
         model = self.study.models[index]
         if self._model is not None:
             self._model.release()
-        self._model = Solid(model.vertices, model.faces, self.origin)
+        is_room = encloses(model.file, self.poses[:, :3, 3])
+        self._model = Solid(model.vertices, model.faces, self.origin, has_backs=not is_room)
         self.seen = Seen(
             model,
             seen_map,

@@ -23,6 +23,7 @@ from glvis.inputs.winding import looks_inwards, winding_numbers
 Floats = NDArray[np.float64]
 
 PLACES = ("around", "above", "room")
+KNOWN_SENSORS = tuple(CATALOGUE)
 _ELEVATION = math.radians(30)  # of the sensors about a part, above and below in turns
 _OWN_FOV = (60.0, 45.0)  # of a sensor made to measure, degrees
 _SMALLEST = 0.15  # radius of a part for a known sensor, of its maxD
@@ -34,6 +35,7 @@ _ROOM = 2000.0  # millimetres across, from which on what looks inwards is a room
 _ROOM_SENSOR, _LARGEST_ROOM = "kinect-v2", 15_000.0
 _OFF_THE_WALL = 300.0  # millimetres
 _CEILING = 2500.0  # millimetres above the floor, where a room has none
+_HIGH = 0.7  # of a room's height, from which on sensors hang
 _DOWN = 0.05  # of a room's height and floor: what lies so high and looks down is a ceiling
 
 
@@ -151,8 +153,8 @@ def room_mounts(model: Model, fit: Fit, sensors: int, unit: str, up: str) -> lis
     if not _has_ceiling(model, axis):
         top = max(top, floor + _CEILING / MM_PER_UNIT[unit] + inset[axis])
     low, high = low + inset, high - inset
-    low[axis], high[axis] = floor + 0.4 * (top - floor), top - inset[axis]
-    start_height = low[axis] + 0.75 * (high[axis] - low[axis])
+    low[axis], high[axis] = floor + _HIGH * (top - floor), top - inset[axis]
+    start_height = (low[axis] + high[axis]) / 2
     size = float(np.linalg.norm(high - low))
     middle = model.bounds.mean(axis=0)
     mounts = []
@@ -302,6 +304,3 @@ def short(value: float) -> str:
 def _trimmed(value: float, digits: int) -> str:
     text = f"{value:.{max(0, digits)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-KNOWN_SENSORS = tuple(CATALOGUE)

@@ -68,7 +68,7 @@ WHERE_TEXTS = {
 # It stands on a floor, its lowest vertex: sensors may stand anywhere about it and above that,
 # outside of its box, and aim near its middle. Is it held? glvis init --around. A room? --room.""",
     "room": """\
-# A room, seen from within: sensors may stand anywhere in it, off the walls and in the upper part,
+# A room, seen from within: sensors may hang anywhere in its upper part, off the walls,
 # and aim at anything in it. Is it a thing to be seen from outside? glvis init --above.""",
 }
 

@@ -75,16 +75,14 @@ def winding(model: Model) -> Winding:
     pair = first[count == 2]
     a, b, agrees = face[pair], face[pair + 1], is_forward[pair] != is_forward[pair + 1]
     against, body = _minorities(a, b, agrees, model.areas[own])
-    single = order[first[count == 1]]
-    volume = _volumes(
-        model, own, against, body, (start[single], end[single]), face[first[count == 1]]
-    )
-    is_open = np.bincount(body[face[first[count == 1]]], minlength=len(volume)) > (
-        _SLIGHTLY_OPEN * 1.5 * np.bincount(body, minlength=len(volume))
-    )
+    single = first[count == 1]
+    rim, rim_face = (start[order[single]], end[order[single]]), face[single]
+    volume = _volumes(model, own, against, body, rim, rim_face)
+    rims, sizes = (np.bincount(b, minlength=len(volume)) for b in (body[rim_face], body))
+    is_open = rims > _SLIGHTLY_OPEN * 1.5 * sizes  # a body has 1.5 edges a face
     inverted = _without_cavities(model, own, body, (volume < 0) & ~is_open, (volume > 0) & ~is_open)
     return Winding(
-        int(np.count_nonzero(count == 1)),
+        len(single),
         int(np.count_nonzero(~agrees)),
         _spread(against, own, model.n_faces),
         doubled,
@@ -137,6 +135,14 @@ def is_in_solid(model: Model, points: ArrayLike) -> Bools:
         least = winding_numbers(model, low + grid * (high - low)).min()
         free = -1.0 if min(least, numbers.min(initial=0.0)) < -0.9 else 0.0
     return np.asarray(numbers > free + 0.5)
+
+
+def encloses(model: Model, points: ArrayLike) -> bool:
+    """Return whether most of some points (P, 3) lie in the free space of a room, closed or nearly.
+
+    Its walls then stand between the points and whoever looks from outside.
+    """
+    return looks_inwards(model) and bool(np.median(winding_numbers(model, points)) < -0.5)
 
 
 def looks_inwards(model: Model) -> bool:

@@ -104,7 +104,7 @@ def _region_lines(placement: Placement, reasons: list[Integers]) -> Iterator[str
 
 def _sensor_lines(placement: Placement) -> Iterator[str]:
     study = placement.study
-    kind = study.objective.kind.upper()
+    kind = study.objective.label
     noun, sensors = sensor_table(study.models, placement.maps, study.objective.by_area)
     without = values_without(placement)
     yield f"Sensors: what each sees alone and what is lost without it ({noun}, mean over models)"

@@ -19,7 +19,7 @@ def spread_lines(
     placement: Placement, found: Sequence[Worth], position: float, angle_deg: float
 ) -> Iterator[str]:
     """Yield mean, 5th percentile and worst of randomly disturbed layouts."""
-    unit, kind = placement.study.unit, placement.study.objective.kind.upper()
+    unit, kind = placement.study.unit, placement.study.objective.label
     yield (
         f"{len(found)} layouts, every sensor up to {position:.4g} {unit} off along each axis and "
         f"{angle_deg:g} deg in tilt, pan and roll, spread evenly"
@@ -54,7 +54,7 @@ def sensitivity_lines(
 
 def loss_lines(placement: Placement) -> Iterator[str]:
     """Yield what is left with each sensor lost in turn."""
-    kind, noun = placement.study.objective.kind.upper(), _noun(placement)
+    kind, noun = placement.study.objective.label, _noun(placement)
     planned = worth(placement)
     yield "With one sensor lost"
     rows = [("none", f"{100 * planned.coverage:.2f}", "", f"{planned.value:.4f}")]
@@ -68,7 +68,7 @@ def rounding_lines(planned: Placement, rounded: Placement) -> Iterator[str]:
     """Yield the poses one can drill and what they cost."""
     unit, up = planned.study.unit, planned.study.up
     places = DECIMALS.get(unit, 2) + 1
-    kind = planned.study.objective.kind.upper()
+    kind = planned.study.objective.label
     before, after = worth(planned), worth(rounded)
     noun = _noun(planned)
     yield f"Rounded poses [{unit}, deg]; pan, tilt and roll as in mounting.txt"
