@@ -71,9 +71,9 @@ TOO_MUCH = {  # what is put in place of what: what the line says
         "[swarm]",
         "".join(
             f"[sensor.k{i}]\nhfov_deg=9\nvfov_deg=9\nresolution=[9,9]\nmax_distance=9\n"
-            for i in range(1001)
+            for i in range(501)
         ) + "[swarm]",
-        "must hold at most 1000 sensors",
+        "must hold at most 500 sensors",
     ),
     "file": ("[swarm]", f"# {'x' * MOST_TOML}\n[swarm]", "is larger than 0.3 MB"),
     "values of a sweep": (

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from glvis.inputs.complaints import shortened
 
 DEEPEST = 40  # tables or lists in each other; a study needs six
-MOST_TOML = 300_000  # letters; a thousand mounts, and our longest study has 5,000
+MOST_TOML = 300_000  # letters; five hundred mounts, and our longest study has 5,000
 _MB = 1_000_000
 # A dotted key at the beginning of a line, table or entry.
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
