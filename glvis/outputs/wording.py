@@ -23,6 +23,7 @@ from glvis.sight.visibility import render_resolution
 from glvis.terminal import duration, table
 
 _MANY_BELOW_A_PIXEL = 0.05
+_MANY_PIXELS = 1 << 24  # of an image that decides
 _FEW_POINTS = 0.03  # of the area, that both criteria may differ by
 
 
@@ -88,8 +89,14 @@ def study_lines(study: Study) -> Iterator[str]:
 
 
 def resolution_warnings(study: Study) -> list[str]:
-    """Return one sentence for each model with many faces that pixels may miss."""
-    found = []
+    """Return one sentence for each sensor with huge images, and model that pixels may miss."""
+    found = [
+        f"{sensor.name}: each map is drawn with {size[0]} x {size[1]} pixels, which takes seconds "
+        "and hundreds of megabytes; [visibility] resolution = 'auto' draws far fewer"
+        for sensor in dict.fromkeys(study.sensors)
+        for size in [render_resolution(study.visibility, sensor)]
+        if size and size[0] * size[1] > _MANY_PIXELS
+    ]
     for model in study.models:
         shares = {
             sensor.name: share_below_a_pixel(sensor, model, resolution)
@@ -98,7 +105,7 @@ def resolution_warnings(study: Study) -> list[str]:
             if resolution  # else points decide, and faces may be of any size
         }
         if not shares:
-            return []
+            return found
         name, share = max(shares.items(), key=lambda item: item[1])
         if share > _MANY_BELOW_A_PIXEL:
             found.append(
