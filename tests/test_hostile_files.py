@@ -125,6 +125,9 @@ CRAFTED = {  # which method's state, what is changed: what is said
     "other width": (
         "swarm", lambda a: a.update({"search.position": np.zeros((4, 9))}), "position has another",
     ),
+    "another axis": (
+        "swarm", lambda a: a.update({"search.best_x": np.full((1, 1), 3.0)}), "best_x is missing",
+    ),
     "not a number": (
         "swarm", lambda a: a["search.velocity"].fill(np.nan), "velocity is too large",
     ),

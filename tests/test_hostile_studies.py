@@ -11,6 +11,7 @@ from glvis.cli import main
 from glvis.inputs.files import MOST_TOML
 from glvis.inputs.overrides import written
 from glvis.inputs.study import load_study
+from glvis.outputs.wording import resolution_warnings
 
 
 @pytest.fixture
@@ -71,9 +72,9 @@ TOO_MUCH = {  # what is put in place of what: what the line says
         "[swarm]",
         "".join(
             f"[sensor.k{i}]\nhfov_deg=9\nvfov_deg=9\nresolution=[9,9]\nmax_distance=9\n"
-            for i in range(1001)
+            for i in range(501)
         ) + "[swarm]",
-        "must hold at most 1000 sensors",
+        "must hold at most 500 sensors",
     ),
     "file": ("[swarm]", f"# {'x' * MOST_TOML}\n[swarm]", "is larger than 0.3 MB"),
     "values of a sweep": (
@@ -121,6 +122,13 @@ def test_numbers_at_their_limits_are_run_without_a_warning(capsys, folder):
         study.write_text(SMALL.replace(old, new))
         assert main(["evaluate", str(study), "-o", str(folder / new), "--no-pictures"]) == 0
         assert "RuntimeWarning" not in capsys.readouterr().err
+
+
+def test_huge_images_are_warned_of(folder):
+    text = SMALL.replace("[96, 64]", "[8192, 8192]") + '[visibility]\nresolution = "sensor"\n'
+    (folder / "study.toml").write_text(text)
+    (warning,) = resolution_warnings(load_study(folder / "study.toml"))
+    assert warning.startswith("eye: each map is drawn with 8192 x 8192 pixels, which takes sec")
 
 
 def test_title_of_two_lines_is_one(folder):

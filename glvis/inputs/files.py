@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from glvis.inputs.complaints import shortened
 
 DEEPEST = 40  # tables or lists in each other; a study needs six
-MOST_TOML = 300_000  # letters; a thousand mounts, and our longest study has 5,000
+MOST_TOML = 300_000  # letters; five hundred mounts, and our longest study has 5,000
 _MB = 1_000_000
 # A dotted key at the beginning of a line, table or entry.
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
@@ -157,8 +157,10 @@ def read_npz(path: Path, most: int) -> dict[str, NDArray[Any]]:
             if sum(member.file_size for member in members) > most + _MB:
                 raise ValueError(f"unfolds to more than {most / _MB:.3g} MB")
             return {m.filename.removesuffix(".npy"): _array(archive.read(m)) for m in members}
-    except OSError:
-        raise
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # of an offset in the archive, not of the file
+            raise
+        raise ValueError("is no archive of arrays: it is cut or spliced") from None
     except Exception as error:  # zip, its methods and NumPy's header fail in ways of their own
         fact = shortened(str(error)) or type(error).__name__
         raise ValueError(f"is no archive of arrays: {fact}") from error

@@ -11,7 +11,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -368,12 +368,19 @@ def _check_moves(rig: Rig) -> None:
     """Refuse variables that move no sensor: a search would wait for ever for something new."""
     low, high = rig.bounds.T
     others = np.random.default_rng(0).random((8, 1, len(low)))  # where the other variables stand
+    farthest = np.abs(rig.poses(low + (high - low) * others[:, 0])[..., :3, 3]).max()
     for column, variable in enumerate(rig.variables):
         share = np.repeat(others, 4, axis=1)
         share[..., column] = (0.0, 0.3, 0.6, 0.9)
-        poses = rig.poses((low + (high - low) * share).reshape(-1, len(low)))
+        rows = np.flatnonzero(rig._matrix[..., column].any(axis=1))  # other mounts stand still
+        part = replace(
+            rig,
+            _matrix=rig._matrix[rows],
+            _constant=rig._constant[rows],
+            _mounts=tuple(rig._mounts[row] for row in rows),
+        )
+        poses = part.poses((low + (high - low) * share).reshape(-1, len(low)))
         moved = np.ptp(poses.reshape(8, 4, -1, 4, 4), axis=1)
-        farthest = np.abs(poses[..., :3, 3]).max()
         if moved[..., :3].max() < _LEAST and moved[..., 3].max() <= _LEAST * farthest:
             raise ValueError(
                 f"the variable '{variable.name}' moves no sensor over its range; give a number "

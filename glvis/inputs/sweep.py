@@ -7,6 +7,7 @@ of them are read before the first one starts.
 from __future__ import annotations
 
 import itertools
+import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,8 +22,10 @@ from glvis.inputs.overrides import toml_text, toml_value
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study, load_study
 
+_LOG = logging.getLogger(__name__)
+
 _SEED = "swarm.seed"
-_MOST_RUNS = 1000  # whose studies are read in seconds; as many searches take days
+_MANY_RUNS, _MOST_RUNS = 50, 1000  # whose studies are read in seconds, and in minutes
 _FILES = {"scene.models", "scene.obstacles"}
 _LENGTHS = ("min_distance", "max_distance", "radius", "height")  # keys in the study's unit
 
@@ -155,6 +158,8 @@ def plan_runs(
             f"{study.path}: [sweep] asks for {planned:,} runs, at most {_MOST_RUNS:,} can be "
             "planned at once; sweep fewer values, or one part after the other"
         )
+    if planned > _MANY_RUNS:
+        _LOG.info("Reading the study of each of %d runs ...", planned // repeats)
     points = tuple(_points(study, overrides, sweep))
     if repeats > 1 and not all(point.variables for point in points):
         raise StudyError(

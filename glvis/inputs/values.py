@@ -14,7 +14,7 @@ LARGEST_IMAGE = 16384  # pixels a side; what any OpenGL 3.3 driver of today rend
 # Beyond these nothing is meant, and squares, products or sums leave the range of floats.
 FARTHEST, _HEAVIEST = 1e12, 1e9  # lengths, in any unit; weights
 _SMALLEST = 1e-12  # length, or angle in degrees
-MOST_MOUNTS = 1000  # and as many kinds of sensors, and variables
+MOST_MOUNTS = 500  # and as many kinds of sensors, and variables
 _LONGEST_NAME, _LONGEST_PATH, _LONGEST_TITLE = 100, 4096, 500  # letters
 # Beyond these nothing is meant, or memory (the square of the particles), floats or 64 bits run out.
 MOST: dict[str, float] = {

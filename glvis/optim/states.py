@@ -136,14 +136,13 @@ def _check_swarm(state: Mapping[str, NDArray[Any]], study: Study, n_rows: int) -
     if not 0 <= options.iterations <= _MOST_ITERATIONS:
         raise ValueError(f"options.iterations = {options.iterations} is too many")
     rig, width = study.rig, len(study.variables)
-    if "best_x" not in state:
-        raise ValueError("best_x is missing")
     for name, own in (("bounds", rig.bounds), ("periodic", rig.periodic)):
         if not np.array_equal(_array(state, name, own.dtype, own.ndim), own):
             raise ValueError(f"its swarm has other {name} than the study")
     for name in ("position", "pbest_pos", "velocity"):
         if _array(state, name, np.float64, 2).shape != (options.particles, width):
             raise ValueError(f"{name} has another shape")
+    _array(state, "best_x", np.float64, 1)
     for name in ("position", "pbest_pos", "best_x"):
         check_inside(name, state[name], study)
     # faster than from bound to bound would leave the box, and stops there

@@ -26,6 +26,7 @@ from glvis.sight.visibility import render_resolution
 from glvis.terminal import duration, table
 
 _MANY_BELOW_A_PIXEL = 0.05
+_MANY_PIXELS = 1 << 24  # of an image that decides
 _FEW_POINTS = 0.03  # of the area, that both criteria may differ by
 
 
@@ -101,7 +102,14 @@ def search_warnings(study: Study) -> list[str]:
 
 
 def resolution_warnings(study: Study) -> list[str]:
-    """Return a sentence about the models with many faces that pixels may miss."""
+    """Return a sentence for each sensor with huge images, and of models that pixels may miss."""
+    huge = [
+        f"{sensor.name}: each map is drawn with {size[0]} x {size[1]} pixels, which takes seconds "
+        "and hundreds of megabytes; [visibility] resolution = 'auto' draws far fewer"
+        for sensor in dict.fromkeys(study.sensors)
+        for size in [render_resolution(study.visibility, sensor)]
+        if size and size[0] * size[1] > _MANY_PIXELS
+    ]
     found = []
     for model in study.models:
         shares = {
@@ -111,7 +119,7 @@ def resolution_warnings(study: Study) -> list[str]:
             if resolution  # else points decide, and faces may be of any size
         }
         if not shares:
-            return []
+            break
         name, share = max(shares.items(), key=lambda item: item[1])
         if share > _MANY_BELOW_A_PIXEL:
             sentence = (
@@ -120,7 +128,7 @@ def resolution_warnings(study: Study) -> list[str]:
                 "criterion = 'centroid', or a coarser mesh"
             )
             found.append(Told("below a pixel", model.name, sentence))
-    return said_once(found)
+    return huge + said_once(found)
 
 
 def large_face_warnings(study: Study) -> list[str]:
