@@ -269,7 +269,7 @@ def optimize(
     from glvis.optim.reach import Sampler
     from glvis.optim.workers import available_cores
     from glvis.outputs.delivery import deliver, summary_of_files
-    from glvis.outputs.folder import STUDY, result_folder, series_index
+    from glvis.outputs.folder import STUDY, result_folder, series_index, settle_folder
     from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
 
@@ -302,6 +302,8 @@ def optimize(
         raise StudyError("needs STUDY and -o DIR, or --resume DIR; 'glvis optimize --help'")
     settings = [*(overrides or ()), *([] if seed is None else [f"swarm.seed={seed}"])]
     early = load_study(study, settings) if study else None  # before any folder is made
+    if directory and not dry_run:
+        settle_folder(directory)  # it may turn out to hold a series
     if repeats or sweep or dry_run or (early and early.sweep) or (resume and series_index(resume)):
         optimize_many(
             directory, early, settings, search, sweeps=sweep or (), repeats=repeats,
@@ -312,12 +314,17 @@ def optimize(
     assert directory
     with result_folder(directory, overwrite=overwrite, resume=resume is not None) as folder:
         loaded = early or load_study(folder.staging / STUDY, settings)
-        if not resume:
+        if not folder.goes_on:
+            if extend:
+                raise StudyError(
+                    f"{directory}: its search was killed before it began; there is nothing to "
+                    "--extend, --resume alone begins it"
+                )
             folder.keep_study(loaded.text)
         warnings = _warnings(loaded)
         for warning in warnings:  # before the hours that they may cost
             say(f"Warning: {warning}", error=True)
-        placement = search(loaded, folder.checkpoint, resume is not None)
+        placement = search(loaded, folder.checkpoint, folder.goes_on)
         _say_that_pictures_come(not no_pictures)
         failures = deliver(
             placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes

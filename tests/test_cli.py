@@ -18,7 +18,7 @@ from glvis.cli import main
 from glvis.drawing.pictures import write_views
 from glvis.errors import MachineError
 from glvis.optim.placement import Progress
-from glvis.outputs.folder import files_below
+from glvis.outputs.files import files_below
 from glvis.outputs.reading import read_result
 from glvis.terminal import _Lines, duration, table
 

@@ -25,7 +25,7 @@ from glvis.outputs.compare import (
     sensor_moves,
     shared_models,
 )
-from glvis.outputs.folder import files_below
+from glvis.outputs.files import files_below
 
 
 @pytest.fixture(scope="module")

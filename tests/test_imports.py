@@ -74,12 +74,14 @@ ARROWS = {
     "reach": "box checkpoint evaluator visibility",
     "placement": "checkpoint cluster context evaluator maps progress reach run search study"
     " visibility workers",
-    "folder": "errors",
+    "files": "errors",
+    "lock": "errors",
+    "folder": "errors files lock",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study",
     "sweep": "errors estimate overrides sensor study",
-    "result": "camera folder pieces placement scene study tables visibility within_reach",
+    "result": "camera files folder pieces placement scene study tables visibility within_reach",
     "reading": "context errors folder placement reach result scene study visibility",
     "framing": "camera",
     "shading": "camera context errors framing glsl",
@@ -101,8 +103,8 @@ ARROWS = {
     "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
     " reading report result",
     "spread": "camera errors estimate folder placement sensor sweep",
-    "series_tables": "folder overrides reading result seriesplots spread sweep",
-    "series": "delivery errors folder placement series_tables spread study sweep",
+    "series_tables": "files folder overrides reading result seriesplots spread sweep",
+    "series": "delivery errors files folder lock placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "errors estimate pieces placement study tables terminal visibility within_reach",
@@ -119,7 +121,7 @@ ARROWS = {
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
-    "cli_series": "delivery errors placement series series_tables series_words study sweep"
+    "cli_series": "delivery errors folder placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
     " placement reach reading starter study terminal wording workers",

@@ -13,7 +13,8 @@ from studies import write_small_study
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
 from glvis.optim.placement import TraceRow, evaluate_poses, place_sensors
-from glvis.outputs.folder import ResultFolder, files_below, renewed_files, result_folder
+from glvis.outputs.files import files_below
+from glvis.outputs.folder import ResultFolder, renewed_files, result_folder
 from glvis.outputs.reading import read_poses, read_result
 from glvis.outputs.result import (
     sensor_poses,

@@ -16,7 +16,7 @@ from glvis.inputs.starter import EXAMPLES, fitting_sensor, write_starter
 from glvis.inputs.starter_meshes import arm, box, room
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
-from glvis.outputs.folder import files_below
+from glvis.outputs.files import files_below
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

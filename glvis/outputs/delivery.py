@@ -12,15 +12,14 @@ from glvis.errors import MachineError, StudyError
 from glvis.optim.placement import Placement
 from glvis.outputs.export_poses import write_exports, write_poses
 from glvis.outputs.export_surfaces import write_surfaces
-from glvis.outputs.folder import INDEX, ResultFolder, renewed_files
+from glvis.outputs.folder import EXPORTS, INDEX, VIEWS, ResultFolder, renewed_files
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.reading import read_result
 from glvis.outputs.report import page_data
 from glvis.outputs.result import write_data, write_summary
 from glvis.viewer.page import write_page
 
-VIEWS, PAGE = "views", "report.html"
-MOUNTING, POSES, EXPORTS = "mounting.txt", "poses.csv", "exports"
+PAGE, MOUNTING, POSES = "report.html", "mounting.txt", "poses.csv"
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,8 @@ def render_again(directory: Path, look: Look | None = None) -> list[str]:
         Where there is no OpenGL, or the folder cannot be written to.
     """
     look = look or Look()
-    placement = read_result(directory)
     with renewed_files(directory, () if look.color else (f"{VIEWS}/",)) as staging:
+        placement = read_result(directory)
         try:
             paths = write_pictures(placement, staging, look)
         except ValueError as error:
