@@ -259,7 +259,9 @@ def result_folder(
 
 
 def settle_folder(path: Path) -> None:
-    """Put the files in place that a killed process had written whole and left in a folder.
+    """Put in place what a killed process had written whole, and remove what else it has left.
+
+    The state of a search stays.
 
     Raises
     ------
@@ -268,9 +270,12 @@ def settle_folder(path: Path) -> None:
     MachineError
         If the folder cannot be written to.
     """
-    if any(is_settled_by_next(path / name) for name in (STAGING, RENEWAL)):
+    if is_settled_by_next(path / STAGING) or any(
+        (path / name).exists() for name in (RENEWAL, LOCK)
+    ):
         with machine_errors(path), held(path):
             settle(path, (STAGING, RENEWAL))
+            shutil.rmtree(path / RENEWAL, ignore_errors=True)
 
 
 @contextmanager
