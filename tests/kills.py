@@ -7,11 +7,13 @@ watched shows every state that a kill can leave, and each of them is then gone o
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import threading
+import time
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,10 @@ import numpy as np
 from glvis.outputs.lock import LOCK
 
 _CHANGES = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink")
+_SETTLED = 0.1  # seconds after which a time stamp tells a file from the same one written again
 _watchers: list[Callable[[str, tuple], None]] = []  # a hook cannot be taken away again
+
+State = dict[str, bytes | None]  # files by name, None for folders; the folder itself is "."
 
 
 def _hook(event: str, args: tuple) -> None:
@@ -31,74 +36,104 @@ def _hook(event: str, args: tuple) -> None:
 sys.addaudithook(_hook)
 
 
+class Folder:
+    """A folder whose whole content is taken down, and brought back."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._known: dict[tuple[str, int, int, int], bytes] = {}
+
+    def state(self) -> State:
+        """Return all that is in the folder; what had not changed is not read again."""
+        if not self.root.is_dir():
+            return {}
+        found: State = {".": None}
+        for path in self.root.rglob("*"):
+            name = path.relative_to(self.root).as_posix()
+            found[name] = None if path.is_dir() else self._read(path)
+        return found
+
+    def put(self, state: State) -> None:
+        """Make the folder what it was."""
+        now = self.state()
+        for name in sorted({*now} - {*state}, reverse=True):
+            path = self.root / name
+            path.unlink() if now[name] is not None else path.rmdir()
+        for name, content in sorted(state.items()):
+            if name not in now or content != now[name]:
+                if content is None:
+                    (self.root / name).mkdir()
+                else:
+                    (self.root / name).write_bytes(content)
+
+    def _read(self, path: Path) -> bytes:
+        if path.name == LOCK:  # to open and close it would let go of it
+            return b""
+        stat = path.stat()
+        key = (str(path), stat.st_ino, stat.st_mtime_ns, stat.st_size)
+        if key not in self._known:
+            content = path.read_bytes()
+            if time.time() - stat.st_mtime < _SETTLED:
+                return content
+            self._known[key] = content
+        return self._known[key]
+
+
 class Watch:
-    """Keeps what a kill before each change below a folder would leave, as folders of their own.
+    """Keeps the states that kills before each change in a folder would leave.
 
     A file that is being written is left empty, and half of it, besides.
     """
 
-    def __init__(self, root: Path, kept: Path) -> None:
-        self.root, self.kept = root, kept
-        self.names: list[str] = []  # what was about to be done, by number
+    def __init__(self, folder: Folder) -> None:
+        self.states: list[
+            tuple[str, State]
+        ] = []  # what was about to be done, and all that is there
+        self._folder = folder
         self._is_busy = threading.local()
         self._lock = threading.Lock()
         self._written: Path | None = None  # the file that was opened last
 
-    def folders(self) -> list[Path]:
-        """Return what was kept, in order."""
-        return [self.kept / str(number) for number in range(len(self.names))]
-
     def see(self, event: str, args: tuple) -> None:
         """Keep the folder before something is changed in it."""
-        if getattr(self._is_busy, "now", False):
+        if getattr(self._is_busy, "now", False) or not self._is_change(event, args):
             return
         self._is_busy.now = True
         try:
             with self._lock:
-                self._see(event, args)
+                self._keep(event, args[0])
         finally:
             self._is_busy.now = False
 
-    def _see(self, event: str, args: tuple) -> None:
+    def _is_change(self, event: str, args: tuple) -> bool:
         path = args[0]
+        is_ours = isinstance(path, str | bytes | os.PathLike) and Path(
+            os.fsdecode(path)
+        ).is_relative_to(self._folder.root)
         if event == "open":
-            flags = args[2]
-            if not flags & (os.O_WRONLY | os.O_RDWR) or not self._is_ours(path):
-                return
-        elif not (self._is_ours(path) or (event != "os.rename" and args[-1] not in (-1, None))):
-            return
-        if self._written and self._written.is_file():
-            half = self._written.stat().st_size // 2
-            self._keep(f"half of {self._written.name} is written", self._written, half)
+            return is_ours and bool(args[2] & (os.O_WRONLY | os.O_RDWR))
+        # shutil.rmtree names what it removes from within a folder
+        return is_ours or (event in ("os.remove", "os.rmdir") and args[-1] != -1)
+
+    def _keep(self, event: str, path: object) -> None:
+        state = self._folder.state()
+        written = self._written and self._written.relative_to(self._folder.root).as_posix()
+        if written and (content := state.get(written)):
+            half = content[: len(content) // 2]
+            self.states.append((f"half of {written} is written", {**state, written: half}))
         self._written = None
-        self._keep(f"{event} {path}")
+        self.states.append((f"{event} {path}", state))
         if event == "open":
-            self._written = Path(os.fsdecode(path))
-            if self._written.name != LOCK:
-                self._keep(f"opened {path}", self._written, 0)
-
-    def _is_ours(self, path: object) -> bool:
-        if not isinstance(path, str | bytes | os.PathLike):
-            return False
-        return Path(os.fsdecode(path)).is_relative_to(self.root)
-
-    def _keep(self, name: str, torn: Path | None = None, size: int = 0) -> None:
-        copy = self.kept / str(len(self.names))
-        if self.root.exists():
-            shutil.copytree(self.root, copy, ignore=shutil.ignore_patterns(LOCK), symlinks=True)
-            for lock in self.root.rglob(LOCK):  # to open and close it would let go of it
-                (copy / lock.relative_to(self.root)).touch()
-        if torn is not None:
-            place = copy / torn.relative_to(self.root)
-            with place.open("r+b" if place.exists() else "wb") as file:
-                file.truncate(size)
-        self.names.append(name)
+            opened = Path(os.fsdecode(path))
+            self._written = opened
+            name = opened.relative_to(self._folder.root).as_posix()
+            self.states.append((f"{name} is opened", {**state, name: b""}))
 
 
 @contextmanager
-def watched(root: Path, kept: Path) -> Iterator[Watch]:
-    """Watch what is changed below a folder."""
-    watch = Watch(root, kept)
+def watched(folder: Folder) -> Iterator[Watch]:
+    """Watch what is changed in a folder."""
+    watch = Watch(folder)
     _watchers.append(watch.see)
     try:
         yield watch
@@ -106,24 +141,16 @@ def watched(root: Path, kept: Path) -> Iterator[Watch]:
         _watchers.remove(watch.see)
 
 
-def contents(folder: Path) -> dict[str, object]:
-    """Return all that is in a folder, by name; of checkpoints the arrays, as zip notes the time."""
-    found: dict[str, object] = {}
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        found[name] = _bytes_of(path) if path.is_file() else "folder"
-    return found
+def told(state: State) -> State:
+    """Return a state with the arrays of checkpoints in place of their bytes: zip notes the time."""
+    return {
+        name: _arrays(content) if content and name.endswith(".npz") else content
+        for name, content in state.items()
+    }
 
 
-def _bytes_of(path: Path) -> bytes:
-    if path.suffix == ".npz" and path.stat().st_size:
-        try:
-            with np.load(path) as arrays:
-                return b"".join(
-                    name.encode() + arrays[name].tobytes() for name in sorted(arrays.files)
-                )
-        except (ValueError, OSError, EOFError, KeyError):
-            pass  # half of one
-        except Exception as error:  # zipfile.BadZipFile
-            assert "zip" in type(error).__name__.lower(), error
-    return path.read_bytes()
+def _arrays(content: bytes) -> bytes:
+    if not zipfile.is_zipfile(BytesIO(content)):  # half of one
+        return content
+    with np.load(BytesIO(content)) as arrays:
+        return b"".join(name.encode() + arrays[name].tobytes() for name in sorted(arrays.files))

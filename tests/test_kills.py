@@ -1,12 +1,10 @@
-import sys
 """A command killed before any change of the file system goes on to the files of an unbroken one."""
 
-import shutil
 from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
-from kills import contents, watched
+from kills import Folder, told, watched
 from studies import SMALL, write_small_study
 
 from glvis.cli import main
@@ -15,7 +13,6 @@ from glvis.errors import StudyError
 from glvis.optim.swarm import Swarm
 from glvis.outputs.folder import ResultFolder, can_resume, own_folder, series_index, settle_folder
 
-# Few files, and no time in any of them
 TEXT = SMALL.replace('"cube.off", "small.off"', '"cube.off"')
 TEXT = TEXT.replace("iterations = 2", "iterations = 1")
 
@@ -28,43 +25,52 @@ def study(tmp_path):
 
 @pytest.fixture(autouse=True)
 def timeless(monkeypatch):
+    """Let no file tell the time, nor anything that is slow to find out or to draw."""
     for module in ("placement", "run"):
         monkeypatch.setattr(f"glvis.optim.{module}.time", SimpleNamespace(monotonic=lambda: 0.0))
     for function in (Swarm.__init__, Swarm.from_state.__func__):
         monkeypatch.setitem(function.__kwdefaults__, "clock", lambda: 0.0)
     stopped = SimpleNamespace(gmtime=lambda: None, strftime=lambda form, when: "then")
     monkeypatch.setattr("glvis.outputs.result.time", stopped)
-    versions = {"glvis": "1"}  # slow to read
-    monkeypatch.setattr("glvis.outputs.result.versions", lambda: versions)
-    monkeypatch.setattr("glvis.outputs.series_tables.versions", lambda: versions)
+    for module in ("result", "report", "series_tables"):
+        monkeypatch.setattr(f"glvis.outputs.{module}.versions", lambda: {"glvis": "1"})
     monkeypatch.setattr("glvis.cli._warnings", lambda study: [])
-
-    def small(*arguments, **options):
-        return write_views(*arguments, **options | {"size": (200, 200)})
-
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", small)
+    for plot in (
+        "outputs.series_tables.write_repeats",
+        "outputs.series_tables.write_sweep",
+        "drawing.pictures.write_convergence",
+    ):
+        monkeypatch.setattr(
+            f"glvis.{plot}", lambda path, what, **options: path.write_text(repr(what))
+        )
+    monkeypatch.setattr(
+        "glvis.outputs.delivery.write_views",
+        lambda *arguments, **options: write_views(*arguments, **options | {"size": (200, 200)}),
+    )
 
 
 def run(*words, pictures=False):
     more = [] if words[0] != "optimize" else ["--workers", "1"]
-    more += [] if pictures or words[0] == "render" else ["--no-pictures"]
+    more += [] if pictures or words[0] == "render" else ["--no-pictures", "--no-meshes"]
     return main([str(word) for word in (*words, *more)])
 
 
 class Kills:
-    """States that kills left of one command, and what becomes of them."""
+    """The states that kills leave of one command, and what becomes of them."""
 
-    def __init__(self, tmp_path, name="out"):
-        self.out, self.kept = tmp_path / name, tmp_path / f"kept-{name}"
-        self.kept.mkdir()
-        self.names = []
+    def __init__(self, out):
+        self.out, self.folder = out, Folder(out)
+        self.states = []
+
+    def content(self):
+        return told(self.folder.state())
 
     def of(self, *words, **options):
         """Run a command and keep each state; return what an unbroken one leaves."""
-        with watched(self.out, self.kept) as watch:
+        with watched(self.folder) as watch:
             assert run(*words, **options) == 0
-        self.names = watch.names
-        return contents(self.out)
+        self.states = watch.states
+        return self.content()
 
     def gone_on_from(self, opened, *commands, **options):
         """Yield for each state what a command leaves, the next one where the first is refused.
@@ -72,29 +78,42 @@ class Kills:
         A command depends on nothing but the folder as it is once it is opened: of states that
         are opened to the same, the first is gone on from.
         """
-        known = {}
-        for number, name in enumerate(self.names):
-            state = self.kept / str(number)
-            self._put(state)
+        known = []
+        for name, state in self.states:
+            self.folder.put(state)
             with suppress(StudyError):
                 opened(self.out)
-            key = repr(sorted(contents(self.out).items())) if self.out.exists() else ""
-            if key not in known:
-                self._put(state)
-                for words in commands:
-                    code = run(*words, **options)
-                    if code == 0:
-                        break
-                assert code == 0, f"{name}: {words} ends with {code}"
-                known[key] = contents(self.out)
-            yield name, known[key]
-        print("COUNT", len(self.names), len(known), file=sys.__stderr__)
-        assert len(known) < len(self.names)
+            begin = self.folder.state()
+            end = next((end for first, end in known if first == begin), None)
+            if end is None:
+                self.folder.put(state)
+                codes = []
+                while 0 not in codes and len(codes) < len(commands):
+                    codes.append(run(*commands[len(codes)], **options))
+                assert codes[-1] == 0, f"killed before {name}"
+                end = self.content()
+                known.append((begin, end))
+            yield name, end
+        assert len(known) < len(self.states)
 
-    def _put(self, state):
-        shutil.rmtree(self.out, ignore_errors=True)
-        if state.exists():
-            shutil.copytree(state, self.out)
+
+def assert_all(found, whole):
+    for name, content in found:
+        assert not differing(content, whole), f"killed before {name}"
+
+
+def assert_first_old_then_new(found, old, new):
+    """Check that what a kill leaves becomes the old result up to some moment, then the new one."""
+    is_new = False
+    for name, content in found:
+        if is_new or content != old:
+            assert not differing(content, new), f"killed before {name}"
+            is_new = True
+    assert is_new
+
+
+def differing(one, other):
+    return sorted(name for name in {*one, *other} if one.get(name) != other.get(name))
 
 
 def resumed(out):
@@ -109,105 +128,75 @@ def overwritten(out):
             ResultFolder(out, overwrite=True)
 
 
-def rendered(out):
-    settle_folder(out)
-    shutil.rmtree(out / "unfinished-files", ignore_errors=True)
-    (out / "unfinished.lock").unlink(missing_ok=True)
-
-
 def series_resumed(out):
     settle_folder(out)
-    if series_index(out) is None:
-        return rendered(out)
-    for path in sorted(out.glob("run-*")):
+    for path in sorted(out.glob("run-*")) if series_index(out) else ():
         settle_folder(path)
         with suppress(StudyError), own_folder(path):
             ResultFolder(path, resume=can_resume(path))
-    return None
 
 
-def differing(one, other):
-    return sorted(name for name in {*one, *other} if one.get(name) != other.get(name))
-
-
-def check_first_old_then_new(found, old, new):
-    """Check that what a kill leaves becomes the old result up to some moment, then the new one."""
-    is_new = False
-    for name, content in found:
-        if is_new or content != old:
-            assert not differing(content, new), f"killed before {name}"
-            is_new = True
-    assert is_new
-
-
-@pytest.mark.parametrize("pictures", [False, True])
-def test_optimize(study, tmp_path, pictures):
-    kills, words = Kills(tmp_path), ("optimize", study, "-o", tmp_path / "out")
-    whole = kills.of(*words, pictures=pictures)
-    assert len(kills.names) > (150 if pictures else 80)
-    again = ("optimize", "--resume", kills.out), words
-    for name, content in kills.gone_on_from(resumed, *again, pictures=pictures):
-        assert not differing(content, whole), f"killed before {name}"
-    again = ((*words, "--overwrite"),)
-    for name, content in kills.gone_on_from(overwritten, *again, pictures=pictures):
-        assert not differing(content, whole), f"killed before {name}"
+def test_optimize(study, tmp_path):
+    kills = Kills(tmp_path / "out")
+    words, resume = ("optimize", study, "-o", kills.out), ("optimize", "--resume", kills.out)
+    whole = kills.of(*words, pictures=True)
+    assert len(kills.states) > 150 and "views/cube-unseen.png" in whole
+    assert_all(kills.gone_on_from(resumed, resume, words, pictures=True), whole)
+    assert_all(kills.gone_on_from(overwritten, (*words, "--overwrite"), pictures=True), whole)
 
 
 def test_overwrite(study, tmp_path):
-    kills, words = Kills(tmp_path), ("optimize", study, "-o", tmp_path / "out")
-    resume = ("optimize", "--resume", kills.out)
+    kills = Kills(tmp_path / "out")
+    words, resume = ("optimize", study, "-o", kills.out), ("optimize", "--resume", kills.out)
     assert run(*words, pictures=True) == 0
     (kills.out / "notes.txt").write_text("mine")
-    shutil.copytree(kills.out, tmp_path / "before")
+    before = kills.folder.state()
     assert run(*resume) == 0  # a result that ended is made again, without pictures as asked
-    old = contents(kills.out)
-    shutil.rmtree(kills.out)
-    (tmp_path / "before").rename(kills.out)
+    old = kills.content()
+    kills.folder.put(before)
     words = (*words, "--seed", "9", "--overwrite")
     new = kills.of(*words)
-    assert new["notes.txt"] == b"mine" and "views" not in new
-    check_first_old_then_new(kills.gone_on_from(resumed, resume), old, new)
-    for name, content in kills.gone_on_from(overwritten, words):
-        assert not differing(content, new), f"killed before {name}"
+    assert new["notes.txt"] == b"mine" and "views" in before and "views" not in new
+    assert_first_old_then_new(kills.gone_on_from(resumed, resume), old, new)
+    assert_all(kills.gone_on_from(overwritten, words), new)
 
 
-def test_extension_of_what_was_killed_or_ended(study, tmp_path):
-    kills, words = Kills(tmp_path), ("optimize", study, "-o", tmp_path / "out")
-    old = (run(*words), contents(kills.out))[1]
-    new = kills.of("optimize", "--resume", kills.out, "--extend", "1")
-    found = kills.gone_on_from(resumed, ("optimize", "--resume", kills.out))
-    check_first_old_then_new(found, old, new)
+def test_extension(study, tmp_path):
+    kills = Kills(tmp_path / "out")
+    assert run("optimize", study, "-o", kills.out) == 0
+    resume = ("optimize", "--resume", kills.out)
+    old, new = kills.content(), kills.of(*resume, "--extend", "1")
+    assert_first_old_then_new(kills.gone_on_from(resumed, resume), old, new)
 
 
 def test_evaluate(study, tmp_path):
-    kills, words = Kills(tmp_path), ("evaluate", study, "-o", tmp_path / "out")
+    kills = Kills(tmp_path / "out")
+    words = ("evaluate", study, "-o", kills.out)
     whole = kills.of(*words)
-    for name, content in kills.gone_on_from(overwritten, (*words, "--overwrite")):
-        assert not differing(content, whole), f"killed before {name}"
+    assert_all(kills.gone_on_from(overwritten, (*words, "--overwrite")), whole)
 
 
 @pytest.mark.parametrize("color", [None, "unseen"])
 def test_render(study, tmp_path, color):
-    kills = Kills(tmp_path)
+    kills = Kills(tmp_path / "out")
     words = ("render", kills.out, *(["--color", color] if color else []))
     assert run("evaluate", study, "-o", kills.out, pictures=color is None) == 0
     whole = kills.of(*words)
-    for name, content in kills.gone_on_from(rendered, words):
-        assert not differing(content, whole), f"killed before {name}"
+    assert_all(kills.gone_on_from(settle_folder, words), whole)
 
 
 def test_series(study, tmp_path):
-    kills, words = Kills(tmp_path), ("optimize", study, "-o", tmp_path / "out", "--repeats", "2")
+    kills = Kills(tmp_path / "out")
+    words = ("optimize", study, "-o", kills.out, "--repeats", "2")
     whole = kills.of(*words)
-    again = ("optimize", "--resume", kills.out), words
-    for name, content in kills.gone_on_from(series_resumed, *again):
-        assert not differing(content, whole), f"killed before {name}"
+    resume = ("optimize", "--resume", kills.out)
+    assert_all(kills.gone_on_from(series_resumed, resume, words), whole)
 
 
 def test_overwritten_series(study, tmp_path):
-    kills, words = Kills(tmp_path), ("optimize", study, "-o", tmp_path / "out")
+    kills = Kills(tmp_path / "out")
+    words = ("optimize", study, "-o", kills.out)
     assert run(*words, "--repeats", "2") == 0
-    words = (*words, "--sweep", "mounts=1,2", "--overwrite")
-    old, new = contents(kills.out), kills.of(*words)
-    found = kills.gone_on_from(series_resumed, ("optimize", "--resume", kills.out))
-    check_first_old_then_new(found, old, new)
+    old, new = kills.content(), kills.of(*words, "--sweep", "mounts=1,2", "--overwrite")
+    resume = ("optimize", "--resume", kills.out)
+    assert_first_old_then_new(kills.gone_on_from(series_resumed, resume), old, new)
