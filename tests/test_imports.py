@@ -21,6 +21,7 @@ ARROWS = {
     "expressions": "",
     "meshfiles": "",
     "complaints": "",
+    "lines": "",
     "swarm_options": "",
     "search_options": "",
     "progress": "",
@@ -33,7 +34,7 @@ ARROWS = {
     "rivals": "climb script",
     "auto": "climb greedy rivals script",
     "sensor": "camera",
-    "scene": "meshfiles",
+    "scene": "lines meshfiles",
     "layout": "expressions",
     "mounts": "camera expressions layout",
     "clusters": "scene",
@@ -52,10 +53,11 @@ ARROWS = {
     "mapper": "scene sensor clusters coincident crops culling points renderer surface views"
     " visibility",
     "swarm": "box swarm_options",
-    "schema": "camera expressions layout objective search_options sensor swarm_options visibility",
+    "schema": "camera expressions layout lines objective search_options sensor swarm_options"
+    " visibility",
     "overrides": "errors expressions schema",
-    "study": "errors complaints expressions mounts objective overrides pieces scene schema sensor"
-    " search_options swarm_options visibility",
+    "study": "errors complaints expressions lines mounts objective overrides pieces scene schema"
+    " sensor search_options swarm_options visibility",
     "checks": "camera mounts scene study",
     "selftest": "camera scene caster clusters context culling errors points renderer surface views",
     "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
@@ -96,11 +98,11 @@ ARROWS = {
     "pictures": "coloring plots scenesheets sensorsheets sheet stage study visibility",
     "page": "glsl palette",
     "mounting": "camera placement",
-    "export_poses": "camera mounting palette placement result rotations schema study",
+    "export_poses": "camera lines mounting palette placement result rotations schema study",
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"
     " sensor",
     "report": "mounting page placement result tables within_reach",
-    "delivery": "errors export_poses export_surfaces folder mounting page pictures placement"
+    "delivery": "errors export_poses export_surfaces folder lines mounting page pictures placement"
     " reading report result",
     "spread": "camera errors estimate folder placement sensor sweep",
     "series_tables": "files folder overrides reading result seriesplots spread sweep",

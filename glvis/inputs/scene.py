@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.inputs.lines import one_line
 from glvis.inputs.meshfiles import fans, read_obj, read_off, read_stl
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
@@ -267,7 +268,7 @@ def load_model(path: str | Path, scale: float = 1.0) -> Model:
         raise ValueError(f"cannot be read: {error.strerror or error}") from error
     except MemoryError:
         raise ValueError("is larger than the memory of this machine") from None
-    return Model.from_arrays(path.stem, vertices, faces, path=path, scale=scale)
+    return Model.from_arrays(one_line(path.stem), vertices, faces, path=path, scale=scale)
 
 
 def _read_stl(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:

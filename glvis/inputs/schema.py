@@ -23,6 +23,7 @@ from pydantic import (
 from glvis.camera import Intrinsics
 from glvis.inputs.expressions import nearest, parse_linear
 from glvis.inputs.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
+from glvis.inputs.lines import one_line
 from glvis.inputs.sensor import CATALOGUE, Sensor
 from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 from glvis.optim.search_options import SearchOptions
@@ -176,7 +177,7 @@ class SensorTable(Table):
     def to_sensor(self, name: str) -> Sensor:
         """Return the sensor of this table."""
         return Sensor(
-            name,
+            one_line(name),
             Intrinsics.from_degrees(self.hfov_deg, self.vfov_deg),
             (self.resolution[0], self.resolution[1]),
             self.min_distance,
@@ -353,7 +354,7 @@ else:
 class StudyTable(Table):
     """A whole study file."""
 
-    title: str = ""
+    title: Annotated[str, AfterValidator(one_line)] = ""
     unit: Literal["mm", "cm", "m", "in", "inch", "ft"] = "mm"
     up: Axis = [0.0, 0.0, 1.0]
     scene: SceneTable

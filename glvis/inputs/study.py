@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from glvis.errors import StudyError
 from glvis.inputs.complaints import first_error
 from glvis.inputs.expressions import nearest
+from glvis.inputs.lines import one_line
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.pieces import cut_models
@@ -154,7 +155,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     return Study(
         path=path,
         text=written(source, changes),
-        title=table.title or path.stem,
+        title=table.title or one_line(path.stem),
         unit=table.unit,
         up=rig.up,
         models=models,
@@ -252,13 +253,14 @@ def _check_names(models: Sequence[Path], obstacles: Sequence[Path]) -> None:
     for file in models:
         if files[file.resolve()] > 1:
             raise StudyError(f"models: {file.name} is there twice")
-        other = stems.setdefault(file.stem, file)
+        name = one_line(file.stem)
+        other = stems.setdefault(name, file)
         if other is not file:
             raise StudyError(
-                f"models: {other} and {file} have the same name '{file.stem}', "
+                f"models: {other} and {file} have the same name '{name}', "
                 "by which results are filed; rename one"
             )
-        if file.stem == _NAMES_KEY:
+        if name == _NAMES_KEY:
             raise StudyError(f"models: a model cannot be called '{_NAMES_KEY}'; rename {file.name}")
     for file in obstacles:
         if file.resolve() in files:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from glvis.drawing.pictures import SIZE, write_views
 from glvis.errors import MachineError, StudyError
+from glvis.inputs.lines import one_line
 from glvis.optim.placement import Placement
 from glvis.outputs.export_poses import write_exports, write_poses
 from glvis.outputs.export_surfaces import write_surfaces
@@ -20,6 +21,9 @@ from glvis.outputs.result import write_data, write_summary
 from glvis.viewer.page import write_page
 
 PAGE, MOUNTING, POSES = "report.html", "mounting.txt", "poses.csv"
+_AGAIN = "; 'glvis render {}' makes them"
+_PICTURES = "the pictures"
+_LONGEST = 300  # letters of what another library says
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,8 @@ def deliver(
 ) -> list[str]:
     """Write everything of a placement into a folder that is still to be committed.
 
-    Pictures that fail, or that Ctrl-C ends, do not cost the result.
+    What is made for people and for other tools does not cost the result: where it fails, or
+    Ctrl-C ends the pictures, it is left out.
 
     Parameters
     ----------
@@ -74,14 +79,26 @@ def deliver(
     MachineError
         If the files cannot be written.
     """
-    failures = []
+    directory = folder.staging
+    wanted: list[tuple[str, Callable[[], object], tuple[str, ...], str]] = [
+        (
+            "the files for installers and other tools",
+            lambda: _write_for_others(placement, directory, meshes),
+            (MOUNTING, POSES, EXPORTS),
+            "",
+        ),
+        ("the page", lambda: write_page(directory / PAGE, page_data(placement)), (PAGE,), _AGAIN),
+        (_PICTURES, lambda: write_pictures(placement, directory), (VIEWS,), _AGAIN),
+    ]
     try:
-        write_data(placement, folder.staging)
-        _write_for_others(placement, folder.staging, meshes)
-        write_page(folder.staging / PAGE, page_data(placement))
-        if pictures:
-            failures = _tried(placement, folder)
-        write_summary(placement, folder.staging, [*warnings, *failures])
+        write_data(placement, directory)
+        failures = []
+        for what, write, names, hint in wanted if pictures else wanted[:-1]:
+            if problem := _problem_of(what, write):
+                for name in names:
+                    _remove(directory / name)
+                failures.append(problem + hint.format(folder.path))
+        write_summary(placement, directory, [*warnings, *failures])
     except OSError as error:
         raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error
     return failures
@@ -111,6 +128,10 @@ def render_again(directory: Path, look: Look | None = None) -> list[str]:
             paths = write_pictures(placement, staging, look)
         except ValueError as error:
             raise StudyError(str(error)) from error
+        except (MachineError, OSError):
+            raise
+        except Exception as error:
+            raise MachineError(f"{directory}: {_could_not(_PICTURES, error)}") from error
         write_page(staging / PAGE, page_data(placement))
         return [path.relative_to(staging).as_posix() for path in paths]
 
@@ -147,19 +168,34 @@ def summary_of_files(directory: Path) -> str:
     """Return in a line what lies in a result folder."""
     views = [f"{VIEWS}/"] if (directory / VIEWS).is_dir() else []
     names = [PAGE, *views, INDEX, "coverage.csv", MOUNTING, POSES, f"{EXPORTS}/"]
-    return f"Result: {directory} ({', '.join(names)}, ...)"
+    there = [name for name in names if (directory / name).exists()]
+    return f"Result: {directory} ({', '.join(there)}, ...)"
 
 
-def _tried(placement: Placement, folder: ResultFolder) -> list[str]:
-    """Make the pictures; return in a sentence what could not be made."""
-    problem = ""
+def _problem_of(what: str, write: Callable[[], object]) -> str:
+    """Write something; return in a sentence why it could not be made, or nothing."""
     try:
-        write_pictures(placement, folder.staging)
+        write()
     except KeyboardInterrupt:
-        problem = "the pictures were left out on Ctrl-C"
-    except MachineError as error:
-        problem = f"the pictures could not be made: {error}"
-    if not problem:
-        return []
-    shutil.rmtree(folder.staging / VIEWS, ignore_errors=True)
-    return [f"{problem}; 'glvis render {folder.path}' makes them"]
+        if what != _PICTURES:  # the rest takes no time
+            raise
+        return f"{what} were left out on Ctrl-C"
+    except Exception as error:  # of whatever library: the result is worth more
+        return _could_not(what, error)
+    return ""
+
+
+def _could_not(what: str, error: Exception) -> str:
+    """Return in one line that something failed, and why."""
+    why = one_line(str(error))[:_LONGEST]
+    if not isinstance(error, MachineError | StudyError | OSError):
+        why = f"{type(error).__name__} {why}".strip()
+    return f"{what} could not be made: {why}"
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
