@@ -27,6 +27,7 @@ from glvis.cli_options import (
 )
 from glvis.cli_results import commands as commands_about_results
 from glvis.errors import MachineError, StudyError
+from glvis.streams import ended_as_by_ctrl_c, patient_streams
 
 if TYPE_CHECKING:
     from glvis.inputs.study import Study
@@ -40,15 +41,24 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_INTERRUPTED = 130  # as a shell says it of Ctrl-C
 # All mistakes in the use of options; typer brings its own copy of click or asks for one.
 _UsageError: Any = typer.BadParameter.__bases__[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # names in letters that this terminal lacks
-            stream.reconfigure(errors="replace")
+    with ended_as_by_ctrl_c(), patient_streams() as (out, _):
+        code = _exit_code(arguments)
+        out.flush()
+        if out.error and code == 0:  # what a script would take for the whole of it
+            why = out.error.strerror or str(out.error)
+            return _fail(f"standard output cannot be written to: {why}", 1)
+        return code
+
+
+def _exit_code(arguments: Sequence[str] | None) -> int:
+    """Run a command; say in one line what has ended it."""
     try:
         code = app(arguments, prog_name="glvis", standalone_mode=False)
     except StudyError as error:
@@ -60,7 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except _UsageError as error:
         return _fail(f"{error.format_message().rstrip('.')}; 'glvis --help' tells more", 2)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted", 130)
+        code = _INTERRUPTED
+    if code == _INTERRUPTED:  # typer makes it of KeyboardInterrupt, without a word
+        return _fail("interrupted", code)
     return code if isinstance(code, int) else 0
 
 

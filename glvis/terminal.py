@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,16 +20,10 @@ _MOST_NAMES = 3  # of workers in a line
 
 
 def say(text: str = "", *, error: bool = False) -> None:
-    """Write a line to standard output, or to standard error.
-
-    Nobody may be listening any more (``| head``): the run goes on without a word.
-    """
+    """Write a line to standard output, or to standard error."""
     stream = sys.stderr if error else sys.stdout
-    try:
-        stream.write(f"{text}\n")
-        stream.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    stream.write(f"{text}\n")
+    stream.flush()
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:

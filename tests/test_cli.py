@@ -326,7 +326,7 @@ QUICK = ["--no-pictures", "--workers", "1"]
 ENDLESS = "iterations = 1000000\nstall_iterations = 1000000"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_search_ends_in_a_complete_result(tmp_path, number):
     (tmp_path / "study").mkdir()
     study = write_small_study(tmp_path / "study", SMALL.replace("iterations = 2", ENDLESS))

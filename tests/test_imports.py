@@ -22,6 +22,7 @@ ARROWS = {
     "meshfiles": "",
     "complaints": "",
     "lines": "",
+    "streams": "",
     "swarm_options": "",
     "search_options": "",
     "progress": "",
@@ -126,7 +127,7 @@ ARROWS = {
     "cli_series": "delivery errors folder placement series series_tables series_words study sweep"
     " terminal",
     "cli": "checks cli_options cli_results cli_series delivery doctor errors estimate folder"
-    " placement reach reading starter study terminal wording workers",
+    " placement reach streams reading starter study terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement result",

@@ -130,7 +130,7 @@ def run_series(
 ) -> bool:
     """Run what has not finished yet; return whether all runs have now.
 
-    Ctrl-C and SIGTERM end the run in hand with a result, and the series with it.
+    Ctrl-C, SIGTERM and SIGHUP end the run in hand with a result, and the series with it.
 
     Parameters
     ----------
