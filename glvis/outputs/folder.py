@@ -74,7 +74,7 @@ class ResultFolder:
     def __init__(self, path: Path, *, overwrite: bool = False, resume: bool = False) -> None:
         self.path = path
         self.staging = path / STAGING
-        self.goes_on = False
+        self.goes_on, self._resumes = False, resume
         with machine_errors(path):
             if path.exists() and not path.is_dir():
                 raise StudyError(f"{path}: is a file; the result needs a folder")
@@ -119,7 +119,7 @@ class ResultFolder:
 
     def discard(self) -> bool:
         """Remove what was written, unless a search can go on from it; return whether it can."""
-        if is_settled_by_next(self.staging):
+        if is_settled_by_next(self.staging) or (self._resumes and not self.goes_on):
             return True
         finished = self.path / CHECKPOINT
         if self.checkpoint.exists() and not (
