@@ -356,8 +356,8 @@ def test_a_scheduler_or_worker_without_glvis_is_refused(dask, study, monkeypatch
     dask.have("bob")
     versions = distributed.Client.get_versions
 
-    def without(client, **options):
-        found = versions(client, **options)
+    async def without(client, **options):
+        found = await versions(client, **options)
         found["scheduler"]["packages"]["glvis"] = None
         return found
 
