@@ -154,9 +154,8 @@ class ClusterMaps:
             self._client.close()
 
     def _free(self, scene: str) -> None:
-        """Let workers forget a scene; what cannot be told now, the next client tells them."""
+        """Let workers forget a scene; those that cannot be told now, the next client tells."""
         with suppress(OSError, ValueError, self._distributed.CancelledError):
-            # all workers are asked, also one that hangs
             forget = partial(self._client.unregister_worker_plugin, scene)
             self._client.sync(forget, callback_timeout=_TO_CONNECT)
 
@@ -249,8 +248,7 @@ class ClusterMaps:
         while True:
             with suppress(Empty):
                 found = [call.done.get(timeout=_TICK)]
-                while not call.done.empty():
-                    found.append(call.done.get())
+                found += [call.done.get() for _ in range(call.done.qsize())]
                 # what hung may answer after all, when another has answered, too
                 if ready := {number: one for number, one in found if number in call.jobs}:
                     return ready
@@ -290,10 +288,9 @@ class ClusterMaps:
             return False
         self._hung.add(address)
         self._stuck += [call.futures[number] for number in numbers]
-        name = self._crew.get(address, address)
         self._warn(
-            f"worker {name} did not answer for {waited:.3g} s and is given no more; its maps "
-            "were made again by others"
+            f"worker {self._crew.get(address, address)} did not answer for {waited:.3g} s and is "
+            "given no more; its maps were made again by others"
         )
         self._submit(call, numbers)
         self._heard = time.monotonic()
@@ -309,8 +306,7 @@ class ClusterMaps:
         holders = self._asked(partial(self._client.who_has, list(ready.values())))
         by_holder: dict[str, dict[int, Any]] = {}
         for number, future in ready.items():
-            address = next(iter(holders.get(future.key, ())), "")
-            by_holder.setdefault(address, {})[number] = future
+            by_holder.setdefault(next(iter(holders[future.key]), ""), {})[number] = future
         answers: dict[int, Answer] = {}
         for address, theirs in by_holder.items():
             with suppress(TimeoutError):
@@ -322,7 +318,6 @@ class ClusterMaps:
                 try:  # nobody else is there
                     answers |= self._fetched(theirs, self._patience)
                 except TimeoutError as error:
-                    self._look_round()
                     raise self._silence() from error
         return answers
 
@@ -344,21 +339,20 @@ class ClusterMaps:
             raise MachineError(
                 f"{self.address}: a worker cannot load glvis ({error}); install the same there"
             ) from error
-        except TimeoutError:
-            raise
         except (OSError, self._distributed.CancelledError) as error:
+            if isinstance(error, TimeoutError):
+                raise
             raise self._lost() from error
 
     def _asked(self, question: Callable[[], Any], *, all_workers: bool = False) -> Any:
         """Return an answer from the scheduler, or from all workers, any of which may hang."""
-        patience = self._patience
         try:
             if all_workers:
-                return self._client.sync(question, callback_timeout=patience)
+                return self._client.sync(question, callback_timeout=self._patience)
             return question()
         except TimeoutError as error:
             raise MachineError(
-                f"{self.address}: not all workers answered for {patience:.3g} s; end what hangs"
+                f"{self.address}: a worker does not answer for {self._patience:.3g} s; end it"
             ) from error
         except (OSError, self._distributed.CancelledError) as error:
             raise self._lost() from error
