@@ -41,6 +41,9 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_TOO_LITTLE = "this machine has too little memory for the study"
+# How Linux and the BSDs say it of libraries that they cannot load for want of memory.
+_NOT_MAPPED = ("failed to map segment", "annot allocate memory")
 _INTERRUPTED = 130  # as a shell says it of Ctrl-C
 # All mistakes in the use of options; typer brings its own copy of click or asks for one.
 _UsageError: Any = typer.BadParameter.__bases__[0]
@@ -66,7 +69,11 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
     except MachineError as error:
         return _fail(str(error), 1)
     except MemoryError:
-        return _fail("this machine has too little memory for the study", 1)
+        return _fail(_TOO_LITTLE, 1)
+    except ImportError as error:
+        if not any(text in str(error) for text in _NOT_MAPPED):
+            raise
+        return _fail(_TOO_LITTLE, 1)
     except _UsageError as error:
         return _fail(f"{error.format_message().rstrip('.')}; 'glvis --help' tells more", 2)
     except (KeyboardInterrupt, typer.Abort):

@@ -11,8 +11,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO
 
-_ENDS = ("SIGTERM", "SIGHUP")  # as Ctrl-C does, where nobody has other wishes
-
 
 class Patient:
     """A text stream that goes on without a word when nothing can be written to it any more.
@@ -84,15 +82,20 @@ def patient_streams() -> Iterator[tuple[Patient, Patient]]:
 
 @contextmanager
 def ended_as_by_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does; only in the main thread."""
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        for name in _ENDS:
-            number = getattr(signal, name, None)  # Windows has no SIGHUP
-            if number and signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores it
-                before[number] = signal.signal(number, signal.default_int_handler)
+    """Let SIGHUP, of a terminal that is closed, raise KeyboardInterrupt as Ctrl-C does.
+
+    SIGTERM ends what is no search at once, also where Python has no say any more.
+    """
+    number = getattr(signal, "SIGHUP", None)  # Windows has none
+    if (
+        number is None
+        or threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(number) is not signal.SIG_DFL  # nohup ignores it
+    ):
+        yield
+        return
+    signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        signal.signal(number, signal.SIG_DFL)

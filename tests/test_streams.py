@@ -107,7 +107,7 @@ def test_a_terminal_that_is_closed_ends_a_search_well(study, tmp_path, workers):
     assert not list((tmp_path / "out").glob("unfinished*"))
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_signals_outside_of_a_search_are_one_line(study, tmp_path, name, monkeypatch, capsys):
     number = getattr(signal, name, None)
     if number is None:
@@ -137,3 +137,29 @@ def test_ctrl_c_while_glvis_is_loaded_is_one_line():
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    ("error", "is_told"),
+    [
+        (MemoryError(), True),
+        (ImportError("scipy/x.so: failed to map segment from shared object"), True),
+        (ImportError("libx.so: cannot allocate memory in static TLS block"), True),
+        (ImportError("No module named 'x'"), False),
+    ],
+)
+def test_too_little_memory_is_one_line(study, tmp_path, monkeypatch, capsys, error, is_told):
+    def fail(*arguments):
+        raise error
+
+    monkeypatch.setattr("glvis.optim.placement.evaluate_poses", fail)
+    words = ["evaluate", str(study), "-o", str(tmp_path / "out")]
+    if is_told:
+        assert main(words) == 1
+        assert (
+            capsys.readouterr().err == "error: this machine has too little memory for the study\n"
+        )
+    else:
+        with pytest.raises(ImportError, match="No module"):
+            main(words)
+    assert not (tmp_path / "out").exists()
