@@ -184,13 +184,16 @@ def test_links_in_a_result_are_not_followed(one, study, tmp_path, capsys, name, 
     assert (one / name).is_symlink()
 
 
-@pytest.mark.parametrize("name", ["run-01", "unfinished-files"])
+@pytest.mark.parametrize("name", ["run-01", "run-02", "unfinished-files"])
 def test_links_in_a_series_are_not_followed(many, study, tmp_path, capsys, name):
     home = linked(many, name, tmp_path)
     before = contents(home)
-    words = ("optimize", study, "-o", many, "--repeats", "1", "--overwrite")
-    assert run(*words) == 2
-    assert f"error: {many / name}: is a symbolic link" in capsys.readouterr().err
+    for words in (
+        ("optimize", study, "-o", many, "--repeats", "1", "--overwrite"),
+        ("optimize", "--resume", many, "--repeats", "2"),
+    ):
+        assert run(*words) == 2
+        assert f"error: {many / name}: is a symbolic link" in capsys.readouterr().err
     assert contents(home) == before
 
 

@@ -107,7 +107,7 @@ ARROWS = {
     " reading report result",
     "spread": "camera errors estimate folder placement sensor sweep",
     "series_tables": "files folder overrides reading result seriesplots spread sweep",
-    "series": "delivery errors files folder lock placement series_tables spread study sweep",
+    "series": "delivery errors files folder lines lock placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "errors estimate pieces placement study tables terminal visibility within_reach",

@@ -1,6 +1,12 @@
 """A command killed before any change of the file system goes on to the files of an unbroken one."""
 
+import json
+import shutil
+import signal
+import subprocess
+import sys
 from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -200,3 +206,45 @@ def test_overwritten_series(study, tmp_path):
     old, new = kills.content(), kills.of(*words, "--sweep", "mounts=1,2", "--overwrite")
     resume = ("optimize", "--resume", kills.out)
     assert_first_old_then_new(kills.gone_on_from(series_resumed, resume), old, new)
+
+
+SCRIPT = (
+    "import sys\nfrom pathlib import Path\nsys.path.append(sys.argv[1])\n"
+    "from kills import die_at\nfrom glvis.cli import main\n"
+    "die_at(Path(sys.argv[2]), int(sys.argv[3]))\nsys.exit(main(sys.argv[4:]))\n"
+)
+
+
+def same_for_all(folder):
+    """Return what must be the same however often a run was killed: all but times."""
+    state = Folder(folder).state()
+    index = json.loads(state["result.json"])
+    state["result.json"] = {key: index[key] for key in index if key != "run"}
+    rows = state["trace.csv"].decode().splitlines()
+    state["trace.csv"] = [row.rpartition(",")[0] for row in rows]
+    return state | dict.fromkeys(("checkpoint.npz", "report.html"))
+
+
+def test_processes_that_are_killed_go_on(study, tmp_path, request, monkeypatch):
+    monkeypatch.undo()
+    tests, out, whole = Path(__file__).parent, tmp_path / "out", tmp_path / "whole"
+    is_thorough = request.config.getoption("--all-kills")
+    step, number = (1, 0) if is_thorough else (27, 4)
+    words = ["--workers", "1", *([] if is_thorough else ["--no-meshes", "--no-pictures"])]
+    assert main(["optimize", str(study), "-o", str(whole), *words]) == 0
+    expected = same_for_all(whole)
+    while True:
+        command = [sys.executable, "-c", SCRIPT, tests, out, number]
+        command += ["optimize", study, "-o", out, *words]
+        code = subprocess.run([str(word) for word in command], cwd=tests.parent).returncode
+        if code == 0:
+            break
+        assert code == -signal.SIGKILL
+        codes = [main(["optimize", "--resume", str(out), *words])]
+        if codes == [2]:
+            codes = [main(["optimize", str(study), "-o", str(out), *words])]
+        assert codes == [0]
+        assert not differing(same_for_all(out), expected), f"killed at change {number}"
+        shutil.rmtree(out)
+        number += step
+    assert number > 2 * step

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from glvis.errors import StudyError
+from glvis.inputs.lines import one_line
 from glvis.inputs.study import Study, load_study
 from glvis.inputs.sweep import Plan, PlannedRun, plan_runs
 from glvis.optim.placement import INTERRUPTED, Placement
@@ -69,7 +70,7 @@ def read_series(directory: Path, repeats: int | None = None) -> Plan:
     study = load_study(directory / STUDY)
     try:
         before = int(index["repeats"])
-        study = replace(study, title=str(index["title"]), sweep=dict(index["sweep"]))
+        study = replace(study, title=one_line(str(index["title"])), sweep=dict(index["sweep"]))
     except (KeyError, TypeError, ValueError):
         raise StudyError(f"{path}: is no series of glvis") from None
     if repeats is not None and repeats < before:
@@ -154,6 +155,7 @@ def run_series(
     MachineError
         Where there is no OpenGL, or the folder cannot be written to.
     """
+    refuse_links(directory, (), [run.name for run in plan.runs])
     for run in plan.runs:
         settle_folder(directory / run.name)
     finished = {one.run.name for one in outcomes_of(directory, plan) if one.is_finished}
