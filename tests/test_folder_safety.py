@@ -330,6 +330,22 @@ def test_who_reads_a_folder_that_was_cut_off_is_told_what_goes_on(one, tmp_path)
         read_index(one / "result.json")
 
 
+def test_series_takes_the_folder_of_a_search_that_was_killed_before_it_began(study, tmp_path):
+    out = tmp_path / "out"
+    (out / "unfinished").mkdir(parents=True)
+    (out / "unfinished" / "study.toml").touch()
+    assert run("optimize", study, "-o", out, "--repeats", "1") == 0
+    assert not list(out.rglob("unfinished*"))
+
+
+def test_folder_whose_name_is_too_long_is_one_line(study, tmp_path, capsys):
+    long = tmp_path / ("x" * 5000)
+    for words in (("optimize", "--resume", long), ("optimize", study, "-o", long)):
+        assert run(*words) == 1
+        error = capsys.readouterr().err
+        assert error == f"error: {long}: cannot be written to: File name too long\n"
+
+
 def test_search_killed_before_its_first_iteration_begins_anew(study, one, tmp_path, capsys):
     out = tmp_path / "out"
     with pytest.raises(MachineError), result_folder(out) as folder:

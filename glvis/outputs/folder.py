@@ -270,12 +270,13 @@ def settle_folder(path: Path) -> None:
     MachineError
         If the folder cannot be written to.
     """
-    if is_settled_by_next(path / STAGING) or any(
-        (path / name).exists() for name in (RENEWAL, LOCK)
-    ):
-        with machine_errors(path), held(path):
-            settle(path, (STAGING, RENEWAL))
-            shutil.rmtree(path / RENEWAL, ignore_errors=True)
+    with machine_errors(path):
+        if is_settled_by_next(path / STAGING) or any(
+            (path / name).exists() for name in (RENEWAL, LOCK)
+        ):
+            with held(path):
+                settle(path, (STAGING, RENEWAL))
+                shutil.rmtree(path / RENEWAL, ignore_errors=True)
 
 
 @contextmanager

@@ -106,8 +106,9 @@ def series_folder(
     with machine_errors(directory):
         _refuse_what_is_there(directory, overwrite)
         old = _files_of_series(directory)
-        refuse_links(directory, old, [RENEWAL])
-        shutil.rmtree(staging, ignore_errors=True)
+        refuse_links(directory, old, [RENEWAL, STAGING])
+        for left in (staging, directory / STAGING):  # by what was killed before it began
+            shutil.rmtree(left, ignore_errors=True)
         staging.mkdir()
         write_whole(staging / STUDY, text)
         write_series(staging, plan)
