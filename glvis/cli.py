@@ -29,6 +29,7 @@ from glvis.cli_options import (
 )
 from glvis.cli_results import commands as commands_about_results
 from glvis.errors import MachineError, StudyError
+from glvis.streams import ended_as_by_ctrl_c, patient_streams
 
 if TYPE_CHECKING:
     from glvis.inputs.study import Study
@@ -41,6 +42,10 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_TOO_LITTLE = "this machine has too little memory for the study"
+# How Linux and the BSDs say it of libraries that they cannot load for want of memory.
+_NOT_MAPPED = ("failed to map segment", "annot allocate memory")
+_INTERRUPTED = 130  # as a shell says it of Ctrl-C
 # All mistakes in the use of options; typer brings its own copy of click or asks for one.
 _UsageError: Any = typer.BadParameter.__bases__[0]
 
@@ -56,9 +61,17 @@ class _Teller(logging.Handler):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # names in letters that this terminal lacks
-            stream.reconfigure(errors="replace")
+    with ended_as_by_ctrl_c(), patient_streams() as (out, _):
+        code = _exit_code(arguments)
+        out.flush()
+        if out.error and code == 0:  # what a script would take for the whole of it
+            why = out.error.strerror or str(out.error)
+            return _fail(f"standard output cannot be written to: {why}", 1)
+        return code
+
+
+def _exit_code(arguments: Sequence[str] | None) -> int:
+    """Run a command; say in one line what has ended it."""
     log = logging.getLogger("glvis")
     log.setLevel(logging.INFO)
     log.handlers = [_Teller()]
@@ -76,11 +89,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:  # a name that is too long, a folder that is gone
         return _fail(f"{error.filename or 'the system'}: {error.strerror or error}", 1)
     except MemoryError:
-        return _fail("this machine has too little memory for the study", 1)
+        return _fail(_TOO_LITTLE, 1)
+    except ImportError as error:
+        if not any(text in str(error) for text in _NOT_MAPPED):
+            raise
+        return _fail(_TOO_LITTLE, 1)
     except _UsageError as error:
         return _fail(f"{error.format_message().rstrip('.')}; 'glvis --help' tells more", 2)
     except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted", 130)
+        code = _INTERRUPTED
+    if code == _INTERRUPTED:  # typer makes it of KeyboardInterrupt, without a word
+        return _fail("interrupted", code)
     return code if isinstance(code, int) else 0
 
 
@@ -363,7 +382,7 @@ def optimize(
     from glvis.optim.reach import Sampler
     from glvis.optim.workers import available_cores
     from glvis.outputs.delivery import Look, deliver, left_out_lines, summary_of_files
-    from glvis.outputs.folder import STUDY, result_folder, series_index
+    from glvis.outputs.folder import STUDY, result_folder, series_index, settle_folder
     from glvis.outputs.wording import result_lines
     from glvis.terminal import progress_shown, say
 
@@ -396,6 +415,8 @@ def optimize(
         raise StudyError("needs STUDY and -o DIR, or --resume DIR; 'glvis optimize --help'")
     settings = [*(overrides or ()), *([] if seed is None else [f"swarm.seed={seed}"])]
     early = load_study(study, settings) if study else None  # before any folder is made
+    if directory and not dry_run:
+        settle_folder(directory)  # it may turn out to hold a series
     if repeats or sweep or dry_run or (early and early.sweep) or (resume and series_index(resume)):
         optimize_many(
             directory, early, settings, search, sweeps=sweep or (), repeats=repeats,
@@ -407,12 +428,17 @@ def optimize(
     assert directory
     with result_folder(directory, overwrite=overwrite, resume=resume is not None) as folder:
         loaded = early or load_study(folder.staging / STUDY, settings)
-        if not resume:
+        if not folder.goes_on:
+            if extend:
+                raise StudyError(
+                    f"{directory}: its search was killed before it began; there is nothing to "
+                    "--extend, --resume alone begins it"
+                )
             folder.keep_study(loaded.text)
         warnings = _warnings(loaded)
         for warning in warnings:  # before the hours that they may cost
             say(f"Warning: {warning}", error=True)
-        placement = search(loaded, folder.checkpoint, resume is not None)
+        placement = search(loaded, folder.checkpoint, folder.goes_on)
         _say_that_pictures_come(not no_pictures)
         failures = deliver(
             placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,

@@ -46,6 +46,7 @@ def optimize_many(
 ) -> None:
     """Do what ``optimize`` does, for many runs; exit code 1 where pictures failed."""
     from glvis.inputs.sweep import plan_runs
+    from glvis.outputs.folder import own_folder
     from glvis.outputs.series import read_series, run_series, series_folder
     from glvis.outputs.series_words import plan_lines
     from glvis.terminal import say
@@ -77,13 +78,14 @@ def optimize_many(
         on_run=teller.begins,
         meshes=meshes,
     )
-    if resume:
-        done = run_all()
-    else:
-        assert study
-        with series_folder(directory, plan, study.text, overwrite=overwrite):
+    with own_folder(directory):
+        if resume:
             done = run_all()
-    _finish(directory, plan, pictures and done, all_pictures)
+        else:
+            assert study
+            with series_folder(directory, plan, study.text, overwrite=overwrite):
+                done = run_all()
+        _finish(directory, plan, pictures and done, all_pictures)
 
 
 class _Teller:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import shutil
 import sys
 import textwrap
@@ -30,17 +29,13 @@ def say(text: str = "", *, error: bool = False, to_paste: bool = False) -> None:
     """Write a line to standard output, or to standard error.
 
     On a terminal it goes on in the next line between words, unless somebody is ``to_paste`` it.
-    Nobody may be listening any more (``| head``): the run goes on without a word.
     """
     stream = sys.stderr if error else sys.stdout
     width = _columns(stream)
     if width and not to_paste:
         text = "\n".join(_wrapped(line, width) for line in text.split("\n"))
-    try:
-        stream.write(f"{text}\n")
-        stream.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    stream.write(f"{text}\n")
+    stream.flush()
 
 
 def table(

@@ -26,6 +26,11 @@ def pytest_addoption(parser):
         help="print the figures of every mesh of tests/test_any_mesh.py, not of the worst alone",
     )
     parser.addoption(
+        "--all-kills",
+        action="store_true",
+        help="kill a process of tests/test_kills.py at each change of a file, not at a few alone",
+    )
+    parser.addoption(
         "--rounds",
         type=int,
         default=1,

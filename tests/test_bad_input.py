@@ -10,7 +10,7 @@ import pytest
 from studies import SMALL, write_small_study
 
 from glvis.cli import main
-from glvis.outputs.folder import files_below
+from glvis.outputs.journal import files_below
 
 
 def binary_stl(faces: int, corners: float = 1.0) -> bytes:

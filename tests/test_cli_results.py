@@ -4,7 +4,7 @@ import pytest
 from studies import write_small_study
 
 from glvis.cli import main
-from glvis.outputs.folder import files_below
+from glvis.outputs.journal import files_below
 from glvis.outputs.reading import read_result
 
 

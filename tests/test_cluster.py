@@ -209,6 +209,64 @@ def test_a_worker_that_hangs_is_helped_and_given_no_more(dask, study, jobs, hang
     maps.release()
 
 
+@pytest.fixture
+def freezing(dask, monkeypatch):
+    """Freeze a worker by name at the moment when its maps are made and not fetched yet."""
+    ready, state = ClusterMaps._ready, SimpleNamespace(name=None, frozen=None)
+
+    def watch(maps, call):
+        found = ready(maps, call)
+        if state.name:
+            holders = maps._client.who_has(list(found.values()))
+            names = {maps._crew[address] for held in holders.values() for address in held}
+            if state.name in names:
+                state.frozen, state.name = dask.processes[state.name], None
+                state.frozen.send_signal(signal.SIGSTOP)
+        return found
+
+    monkeypatch.setattr(ClusterMaps, "_ready", watch)
+    yield state
+    if state.frozen:
+        state.frozen.send_signal(signal.SIGCONT)
+
+
+def test_a_worker_frozen_with_its_maps_made_is_done_without(dask, study, jobs, freezing):
+    dask.have("ann", "bob")
+    maps = ClusterMaps(MapScene.of(study), dask.address, patience=60.0, patience_job=2.0)
+    while len(maps._warm) < 2:
+        list(maps.make(jobs))
+    freezing.name = "bob"
+    while freezing.frozen is None:
+        made = list(maps.make(jobs))
+    assert_same_maps(made, study, jobs)
+    (warning,) = maps.warnings
+    assert warning.startswith("worker bob did not answer for ") and "made again" in warning
+    assert_same_maps(list(maps.make(jobs)), study, jobs)
+    assert maps.warnings == [warning]
+    freezing.frozen.send_signal(signal.SIGCONT)
+    maps.release()
+
+
+def test_a_worker_frozen_alone_with_its_maps_made_ends_the_run(dask, study, jobs, freezing):
+    dask.have("ann")
+    maps = ClusterMaps(MapScene.of(study), dask.address, patience=3.0, patience_job=1.0)
+    freezing.name = "ann"
+    with pytest.raises(MachineError, match=f"{dask.address}: none of 1 workers answered for"):
+        list(maps.make(jobs))
+    freezing.frozen.send_signal(signal.SIGCONT)
+    maps.release()
+
+
+def test_a_worker_frozen_before_a_search_is_told(dask, study):
+    dask.have("ann")
+    dask.processes["ann"].send_signal(signal.SIGSTOP)
+    try:
+        with pytest.raises(MachineError, match="a worker does not answer for 2 s; end it"):
+            ClusterMaps(MapScene.of(study), dask.address, patience_start=2.0)
+    finally:
+        dask.processes["ann"].send_signal(signal.SIGCONT)
+
+
 def test_a_worker_that_hangs_alone_ends_the_run(dask, study, jobs, hanging):
     dask.have("ann")
     maps = ClusterMaps(MapScene.of(study), dask.address, patience=3.0, patience_job=0.5)
@@ -356,8 +414,8 @@ def test_a_scheduler_or_worker_without_glvis_is_refused(dask, study, monkeypatch
     dask.have("bob")
     versions = distributed.Client.get_versions
 
-    def without(client, **options):
-        found = versions(client, **options)
+    async def without(client, **options):
+        found = await versions(client, **options)
         found["scheduler"]["packages"]["glvis"] = None
         return found
 

@@ -31,7 +31,7 @@ from glvis.outputs.compare import (
     shared_models,
     write_comparison,
 )
-from glvis.outputs.folder import files_below
+from glvis.outputs.journal import files_below
 
 
 @pytest.fixture(scope="module")

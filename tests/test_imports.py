@@ -22,10 +22,12 @@ ARROWS = {
     "rotations": "",
     "expressions": "",
     "complaints": "",
+    "streams": "",
     "meshfiles": "complaints",
     "units": "",
     "welding": "",
     "files": "complaints",
+    "lock": "errors",
     "meshlimits": "files",
     "values": "complaints files",
     "meshpaths": "complaints errors files",
@@ -88,13 +90,14 @@ ARROWS = {
     "reach": "box checkpoint evaluator visibility",
     "placement": "camera checkpoint cluster context evaluator maps notebook pieces progress reach"
     " run search study visibility workers",
-    "folder": "errors hints files",
+    "journal": "errors",
+    "folder": "errors hints files journal lock",
     "indexes": "values",
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study search",
     "sweep": "complaints errors estimate files overrides sensor study",
-    "result": "camera folder pieces placement scene study tables visibility within_reach",
+    "result": "camera folder pieces placement scene study tables visibility within_reach journal",
     "reading": "context errors folder placement reach result scene study visibility complaints"
     " files indexes",
     "given_poses": "camera complaints errors files folder indexes reading rotations schema study",
@@ -117,16 +120,16 @@ ARROWS = {
     " selection",
     "page": "glsl palette places",
     "mounting": "camera placement",
-    "export_poses": "camera mounting palette placement result rotations schema study",
+    "export_poses": "camera files mounting palette placement result rotations schema study",
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"
     " sensor",
     "report": "mounting page placement result tables within_reach",
-    "delivery": "errors export_poses export_surfaces folder hints mounting page pictures placement"
+    "delivery": "errors files export_poses export_surfaces folder hints mounting page pictures placement"
     " reading report result selection",
     "spread": "camera errors estimate folder placement sensor sweep reading",
-    "series_tables": "folder overrides reading result seriesplots spread sweep",
+    "series_tables": "folder overrides reading result seriesplots spread sweep journal",
     "series": "delivery errors folder placement series_tables spread study sweep complaints"
-    " indexes",
+    " indexes journal lock",
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
@@ -147,10 +150,10 @@ ARROWS = {
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
-    " terminal",
+    " terminal folder",
     "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
     " files folder given_poses keys placement reach reading starter study terminal wording workers"
-    " starter_study",
+    " starter_study streams",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement reading result",

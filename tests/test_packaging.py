@@ -75,7 +75,7 @@ def test_wheel_names_the_command_and_the_licence(wheel):
             for name in archive.namelist()
             if ".dist-info/" in name
         }
-    assert "glvis = glvis.cli:main" in texts["entry_points.txt"]
+    assert "glvis = glvis.__main__:main" in texts["entry_points.txt"]
     assert "MIT License" in texts["LICENSE"]
 
 

@@ -14,7 +14,8 @@ from studies import SMALL, write_small_study
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
 from glvis.optim.placement import TraceRow, evaluate_poses, place_sensors
-from glvis.outputs.folder import ResultFolder, files_below, renewed_files, result_folder
+from glvis.outputs.folder import ResultFolder, renewed_files, result_folder
+from glvis.outputs.journal import files_below
 from glvis.outputs.reading import read_result
 from glvis.outputs.result import (
     sensor_poses,

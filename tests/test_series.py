@@ -18,7 +18,7 @@ import glvis
 from glvis.cli import main
 from glvis.drawing.pictures import write_views
 from glvis.errors import MachineError
-from glvis.outputs.folder import files_below
+from glvis.outputs.journal import files_below
 from glvis.outputs.reading import read_result
 
 SWEEP = "\n[sweep]\nmounts = [1, 2]\n"
@@ -141,7 +141,7 @@ def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
     drawn = {}
     monkeypatch.setattr(
         "glvis.outputs.series_tables.write_sweep",
-        lambda path, panels, **options: drawn.update(options, panels=panels),
+        lambda path, panels, **options: path.touch() or drawn.update(options, panels=panels),
     )
     out = tmp_path / "out"
     sweeps = ("--sweep", "visibility.criterion=pixels,centroid", "--sweep", "mount.C.roll_deg=0,45")

@@ -22,7 +22,7 @@ from glvis.inputs.starter_meshes import arm, box, room
 from glvis.inputs.starter_study import Choices
 from glvis.inputs.study import load_study
 from glvis.optim.placement import evaluate_poses
-from glvis.outputs.folder import files_below
+from glvis.outputs.journal import files_below
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from glvis.errors import StudyError
 from glvis.inputs.complaints import first_error, shortened
 from glvis.inputs.expressions import nearest
-from glvis.inputs.files import MOST_TOML, read_text, toml_tables
+from glvis.inputs.files import MOST_TOML, in_one_line, read_text, toml_tables
 from glvis.inputs.lengths import with_plain_lengths
 from glvis.inputs.meshpaths import NAMES_KEY, check_names, mesh_paths
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
@@ -199,7 +199,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     return Study(
         path=path,
         text=written(source, changes),
-        title=table.title or path.stem,
+        title=table.title or in_one_line(path.stem),
         unit=table.unit,
         up=rig.up,
         models=models,

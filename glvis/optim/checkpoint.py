@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     arrays = {_SEARCH + name: array for name, array in checkpoint.search.items()}
     part = path.with_name(f"{path.name}.part")
     try:
-        with part.open("wb") as file:
+        part.unlink(missing_ok=True)  # left over from a kill, or a link to somewhere else
+        with part.open("xb") as file:
             np.savez(
                 file,
                 allow_pickle=False,
@@ -97,6 +99,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         part.replace(path)
         _sync_folder(path.parent)
     except OSError as error:
+        with suppress(OSError):
+            part.unlink()
         raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 

@@ -111,7 +111,7 @@ class ClusterMaps:
                 self._free(orphan)
             there = self._remote.SceneThere(scene, self._client.id)
             self._scene = there.name
-            self._asked(partial(self._client.register_plugin, there))
+            self._asked(partial(self._client.register_plugin, there), all_workers=True)
             self._look_round()
             while not self._crew:
                 self._check_patience()
@@ -155,9 +155,10 @@ class ClusterMaps:
             self._client.close()
 
     def _free(self, scene: str) -> None:
-        """Let workers forget a scene; what cannot be told now, the next client tells them."""
+        """Let workers forget a scene; those that cannot be told now, the next client tells."""
         with suppress(OSError, ValueError, self._distributed.CancelledError):
-            self._client.unregister_worker_plugin(scene)
+            forget = partial(self._client.unregister_worker_plugin, scene)
+            self._client.sync(forget, callback_timeout=_TO_CONNECT)
 
     def _connected(self) -> Any:
         try:
@@ -174,7 +175,9 @@ class ClusterMaps:
 
     def _check_versions(self) -> None:
         """Refuse workers, and a scheduler, that have other packages than this process."""
-        found = self._asked(partial(self._client.get_versions, packages=["glvis"]))
+        found = self._asked(
+            partial(self._client.get_versions, packages=["glvis"]), all_workers=True
+        )
         ours = {name: found["client"]["packages"][name] for name in self._remote.VERSIONS}
         everybody = {"the scheduler": found["scheduler"]} | {
             f"worker {worker}": there for worker, there in found["workers"].items()
@@ -210,10 +213,9 @@ class ClusterMaps:
         self._submit(call, list(call.jobs))
         self._heard = time.monotonic()
         while call.jobs:
-            ready = self._ready(call)
-            answers = self._gathered(list(ready.values()))
+            answers = self._gathered(call, self._ready(call))
             self._heard = time.monotonic()
-            for number, (worker, _, bits, seconds) in zip(ready, answers, strict=True):
+            for number, (worker, _, bits, seconds) in answers.items():
                 del call.jobs[number]
                 call.since.pop(worker, None)
                 self._warm.add(worker)
@@ -221,7 +223,7 @@ class ClusterMaps:
                     self._slowest = max(self._slowest, seconds / len(bits))
             if not call.jobs:  # who was lost on the way is a warning of this call
                 self._look_round()
-            yield dict(zip(ready, answers, strict=True))
+            yield answers
 
     def _submit(self, call: _Call, numbers: Sequence[int]) -> None:
         """Give jobs of a call to the cluster, to workers that do not hang if there are any."""
@@ -247,8 +249,7 @@ class ClusterMaps:
         while True:
             with suppress(Empty):
                 found = [call.done.get(timeout=_TICK)]
-                while not call.done.empty():
-                    found.append(call.done.get())
+                found += [call.done.get() for _ in range(call.done.qsize())]
                 # what hung may answer after all, when another has answered, too
                 if ready := {number: one for number, one in found if number in call.jobs}:
                     return ready
@@ -263,12 +264,7 @@ class ClusterMaps:
         Silence is measured where nobody answers: while others do, it holds nothing up.
         """
         now = time.monotonic()
-        number_of = {future.key: number for number, future in call.futures.items()}
-        holds = {
-            address: mine
-            for address, keys in self._asked(self._client.processing).items()
-            if (mine := [n for key in keys if (n := number_of.get(key)) in call.jobs])
-        }
+        holds = self._holds(call)
         call.since = {address: call.since.get(address, now) for address in holds}
         for address, numbers in holds.items():
             poses = sum(len(call.jobs[number] or ()) for number in numbers)
@@ -276,23 +272,65 @@ class ClusterMaps:
             waited = now - call.since[address]
             if waited < patience_with(poses, slowest, self._patience_job):
                 continue
-            if not self._crew.keys() - self._hung - {address}:
-                continue  # nobody is left to help
-            self._hung.add(address)
-            self._stuck += [call.futures[number] for number in numbers]
-            name = self._crew.get(address, address)
-            self._warn(
-                f"worker {name} did not answer for {waited:.3g} s and is given no more; its maps "
-                "were made again by others"
-            )
-            self._submit(call, numbers)
-            self._heard = now
+            self._do_without(call, address, numbers, waited)
 
-    def _gathered(self, futures: list[Any]) -> list[Answer]:
-        """Return what futures hold; dask makes again what was lost on its way."""
-        gather = partial(self._client.gather, futures, asynchronous=True)
+    def _holds(self, call: _Call) -> dict[str, list[int]]:
+        """Return the jobs without an answer that each worker holds, by address."""
+        number_of = {future.key: number for number, future in call.futures.items()}
+        return {
+            address: mine
+            for address, keys in self._asked(self._client.processing).items()
+            if (mine := [n for key in keys if (n := number_of.get(key)) in call.jobs])
+        }
+
+    def _do_without(self, call: _Call, address: str, numbers: Sequence[int], waited: float) -> bool:
+        """Give a worker no more, and its jobs to others; return False where there are none."""
+        if not self._crew.keys() - self._hung - {address}:
+            return False
+        self._hung.add(address)
+        self._stuck += [call.futures[number] for number in numbers]
+        self._warn(
+            f"worker {self._crew.get(address, address)} did not answer for {waited:.3g} s and is "
+            "given no more; its maps were made again by others"
+        )
+        self._submit(call, numbers)
+        self._heard = time.monotonic()
+        return True
+
+    def _gathered(self, call: _Call, ready: dict[int, Any]) -> dict[int, Answer]:
+        """Return answers that are ready, without those of a worker that hangs with them made."""
+        began = time.monotonic()
         try:
-            return self._client.sync(gather, callback_timeout=self._patience)
+            return self._fetched(ready, min(self._patience, self._patience_job))
+        except TimeoutError:
+            self._look_round()
+        holders = self._asked(partial(self._client.who_has, list(ready.values())))
+        by_holder: dict[str, dict[int, Any]] = {}
+        for number, future in ready.items():
+            by_holder.setdefault(next(iter(holders[future.key]), ""), {})[number] = future
+        answers: dict[int, Answer] = {}
+        for address, theirs in by_holder.items():
+            with suppress(TimeoutError):
+                if len(by_holder) > 1:  # else it is known to hang
+                    answers |= self._fetched(theirs, min(self._patience_job, _TO_CONNECT))
+                    continue
+            numbers = [*theirs, *self._holds(call).get(address, ())]
+            if not self._do_without(call, address, numbers, time.monotonic() - began):
+                try:  # nobody else is there
+                    answers |= self._fetched(theirs, self._patience)
+                except TimeoutError as error:
+                    raise self._silence() from error
+        return answers
+
+    def _fetched(self, ready: dict[int, Any], patience: float) -> dict[int, Answer]:
+        """Return what futures hold, by number, or raise TimeoutError after so many seconds.
+
+        What was lost on its way dask makes again.
+        """
+        gather = partial(self._client.gather, list(ready.values()), asynchronous=True)
+        try:
+            found = self._client.sync(gather, callback_timeout=patience)
+            return dict(zip(ready, found, strict=True))
         except self._distributed.KilledWorker as error:
             raise MachineError(
                 f"{self.address}: {error.allowed_failures + 1} workers died over the same maps, "
@@ -302,16 +340,21 @@ class ClusterMaps:
             raise MachineError(
                 f"{self.address}: a worker cannot load glvis ({error}); install the same there"
             ) from error
-        except TimeoutError as error:
-            self._look_round()
-            raise self._silence() from error
         except (OSError, self._distributed.CancelledError) as error:
+            if isinstance(error, TimeoutError):
+                raise
             raise self._lost() from error
 
-    def _asked(self, question: Callable[[], Any]) -> Any:
-        """Return an answer from the scheduler."""
+    def _asked(self, question: Callable[[], Any], *, all_workers: bool = False) -> Any:
+        """Return an answer from the scheduler, or from all workers, any of which may hang."""
         try:
+            if all_workers:
+                return self._client.sync(question, callback_timeout=self._patience)
             return question()
+        except TimeoutError as error:
+            raise MachineError(
+                f"{self.address}: a worker does not answer for {self._patience:.3g} s; end it"
+            ) from error
         except (OSError, self._distributed.CancelledError) as error:
             raise self._lost() from error
 

@@ -230,8 +230,8 @@ def place_sensors(
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
-    Ctrl-C and SIGTERM end the search well: what is being evaluated is dropped, and the best so
-    far comes back, never worse than the start. A second Ctrl-C raises KeyboardInterrupt.
+    Ctrl-C, SIGTERM and SIGHUP end the search well: what is being evaluated is dropped, and the
+    best so far comes back, never worse than the start. A second Ctrl-C raises KeyboardInterrupt.
 
     Parameters
     ----------
@@ -354,24 +354,29 @@ def _evaluated(evaluator: Evaluator, position: Floats, poses: Floats) -> Placeme
 
 @contextmanager
 def _interruptions() -> Iterator[list[str]]:
-    """Collect the names of Ctrl-C and SIGTERM instead of dying of them.
+    """Collect the names of Ctrl-C, SIGTERM and SIGHUP instead of dying of them.
 
-    Only the main thread may ask for that; elsewhere, and for Ctrl-C where its handler is not
-    Python's own, all stays as it was.
+    Only the main thread may ask for that; elsewhere, and where a handler is neither Python's nor
+    the system's own, all stays as it was.
     """
     names: list[str] = []
     before: dict[int, Any] = {}
 
     def note(number: int, frame: object) -> None:
-        names.append("Ctrl-C" if number == signal.SIGINT else "SIGTERM")
+        names.append("Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name)
         if number == signal.SIGINT:
             signal.signal(number, signal.default_int_handler)  # the second one is meant
 
     if threading.current_thread() is threading.main_thread():
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            before[signal.SIGINT] = signal.signal(signal.SIGINT, note)
-        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            before[signal.SIGTERM] = signal.signal(signal.SIGTERM, note)
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            if not hasattr(signal, name):  # Windows has no SIGHUP
+                continue
+            number = getattr(signal, name)
+            handler = signal.getsignal(number)
+            if handler is signal.default_int_handler or (
+                handler is signal.SIG_DFL and number != signal.SIGINT
+            ):
+                before[number] = signal.signal(number, note)
     try:
         yield names
     finally:

@@ -39,7 +39,9 @@ def serve(connection: Connection) -> None:
 
 def main() -> None:
     """Serve on the file descriptor that the command line names."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the other process's to decide
+    for name in ("SIGINT", "SIGHUP"):  # Ctrl-C, a closed terminal: the other process's to decide
+        if hasattr(signal, name):  # Windows has no SIGHUP
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the other one has ended
         serve(Connection(int(sys.argv[1])))
     os._exit(0)  # drivers take their time, and at times crash, when they are taken down

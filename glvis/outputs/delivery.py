@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,20 +11,22 @@ from glvis.drawing.pictures import SIZE, write_views
 from glvis.drawing.selection import chosen_pictures
 from glvis.errors import MachineError, StudyError
 from glvis.hints import command
+from glvis.inputs.files import in_one_line
 from glvis.optim.placement import Placement
 from glvis.outputs.export_poses import write_exports, write_poses
 from glvis.outputs.export_surfaces import write_surfaces
-from glvis.outputs.folder import INDEX, ResultFolder, renewed_files, result_folder
+from glvis.outputs.folder import EXPORTS, INDEX, VIEWS, ResultFolder, renewed_files, result_folder
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.reading import read_result
 from glvis.outputs.report import page_data
 from glvis.outputs.result import write_data, write_summary
 from glvis.viewer.page import write_page
 
-VIEWS, PAGE = "views", "report.html"
 LEFT_OUT = "left-out.txt"  # in the folder of pictures
+PAGE, MOUNTING, POSES = "report.html", "mounting.txt", "poses.csv"
 _COMMAND = "glvis render DIR --all-pictures"
-MOUNTING, POSES, EXPORTS = "mounting.txt", "poses.csv", "exports"
+_PICTURES = "the pictures"
+_LONGEST = 300  # letters of what another library says
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ def deliver(
 ) -> list[str]:
     """Write everything of a placement into a folder that is still to be committed.
 
-    Pictures that fail, or that Ctrl-C ends, do not cost the result.
+    What is made for people and for other tools does not cost the result: where it fails, or
+    Ctrl-C ends the pictures, it is left out.
 
     Parameters
     ----------
@@ -86,15 +88,33 @@ def deliver(
     MachineError
         If the files cannot be written.
     """
-    failures = []
+    directory = folder.staging
+    told = _left_out(placement, look) if pictures else []
+    again = f"; {command('render', folder.path)} makes them"
+    wanted: list[tuple[str, Callable[[], object], tuple[str, ...], str]] = [
+        (
+            "the files for installers and other tools",
+            lambda: _write_for_others(placement, directory, meshes),
+            (MOUNTING, POSES, EXPORTS),
+            "",
+        ),
+        (
+            "the page",
+            lambda: write_page(directory / PAGE, page_data(placement, told)),
+            (PAGE,),
+            again,
+        ),
+        (_PICTURES, lambda: write_pictures(placement, directory, look), (VIEWS,), again),
+    ]
     try:
-        write_data(placement, folder.staging)
-        _write_for_others(placement, folder.staging, meshes)
-        told = _left_out(placement, look) if pictures else []
-        write_page(folder.staging / PAGE, page_data(placement, told))
-        if pictures:
-            failures = _tried(placement, folder, look)
-        write_summary(placement, folder.staging, [*warnings, *failures])
+        write_data(placement, directory)
+        failures = []
+        for what, write, names, hint in wanted if pictures else wanted[:-1]:
+            if problem := _problem_of(what, write):
+                for name in names:
+                    _remove(directory / name)
+                failures.append(problem + hint)
+        write_summary(placement, directory, [*warnings, *failures])
     except OSError as error:
         raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error
     return failures
@@ -134,12 +154,16 @@ def render_again(directory: Path, look: Look | None = None) -> list[str]:
         Where there is no OpenGL, or the folder cannot be written to.
     """
     look = look or Look()
-    placement = read_result(directory)
     with renewed_files(directory, () if look.color else (f"{VIEWS}/",)) as staging:
+        placement = read_result(directory)
         try:
             paths = write_pictures(placement, staging, look)
         except ValueError as error:
             raise StudyError(str(error)) from error
+        except (MachineError, OSError):
+            raise
+        except Exception as error:
+            raise MachineError(f"{directory}: {_could_not(_PICTURES, error)}") from error
         told = left_out_lines(directory) if look.color else _left_out(placement, look)
         write_page(staging / PAGE, page_data(placement, told))
         return [path.relative_to(staging).as_posix() for path in paths]
@@ -172,8 +196,8 @@ def left_out_lines(directory: Path) -> list[str]:
     path = directory / VIEWS / LEFT_OUT
     if not path.is_file():
         return []
-    command = f"glvis render {shlex.quote(str(directory))} --all-pictures"
-    return path.read_text(encoding="utf-8").replace(_COMMAND, command).splitlines()
+    said = command("render", directory, "--all-pictures")
+    return path.read_text(encoding="utf-8").replace(f"'{_COMMAND}'", said).splitlines()
 
 
 def _left_out(placement: Placement, look: Look | None) -> list[str]:
@@ -200,19 +224,34 @@ def summary_of_files(directory: Path) -> str:
     """Return in a line what lies in a result folder."""
     views = [f"{VIEWS}/"] if (directory / VIEWS).is_dir() else []
     names = [PAGE, *views, INDEX, "coverage.csv", MOUNTING, POSES, f"{EXPORTS}/"]
-    return f"Result: {directory} ({', '.join(names)}, ...)"
+    there = [name for name in names if (directory / name).exists()]
+    return f"Result: {directory} ({', '.join(there)}, ...)"
 
 
-def _tried(placement: Placement, folder: ResultFolder, look: Look | None) -> list[str]:
-    """Make the pictures; return in a sentence what could not be made."""
-    problem = ""
+def _problem_of(what: str, write: Callable[[], object]) -> str:
+    """Write something; return in a sentence why it could not be made, or nothing."""
     try:
-        write_pictures(placement, folder.staging, look)
+        write()
     except KeyboardInterrupt:
-        problem = "the pictures were left out on Ctrl-C"
-    except MachineError as error:
-        problem = f"the pictures could not be made: {error}"
-    if not problem:
-        return []
-    shutil.rmtree(folder.staging / VIEWS, ignore_errors=True)
-    return [f"{problem}; {command('render', folder.path)} makes them"]
+        if what != _PICTURES:  # the rest takes no time
+            raise
+        return f"{what} were left out on Ctrl-C"
+    except Exception as error:  # of whatever library: the result is worth more
+        return _could_not(what, error)
+    return ""
+
+
+def _could_not(what: str, error: Exception) -> str:
+    """Return in one line that something failed, and why."""
+    why = in_one_line(str(error))[:_LONGEST]
+    if not isinstance(error, MachineError | StudyError | OSError):
+        why = f"{type(error).__name__} {why}".strip()
+    return f"{what} could not be made: {why}"
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from glvis.camera import rigid_inverse
 from glvis.drawing.palette import sensor_colors
+from glvis.inputs.files import in_one_line
 from glvis.inputs.schema import MM_PER_UNIT
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement
@@ -127,7 +128,7 @@ def _write_ros(placement: Placement, directory: Path) -> None:
     study = placement.study
     directory.mkdir()
     to_metres = MM_PER_UNIT[study.unit] / 1000
-    shell = ["#!/bin/sh", f"# {_one_line(study.title)}: poses of the sensors, metres"]
+    shell = ["#!/bin/sh", f"# {in_one_line(study.title)}: poses of the sensors, metres"]
     urdf = ['<?xml version="1.0"?>', '<robot name="sensors">', '  <link name="world"/>']
     for name, pose in zip(study.sensor_names, placement.camera_to_world, strict=True):
         frame = _ros_name(name)
@@ -163,10 +164,6 @@ def _fixed_joint(parent: str, child: str, place: list[float], rotation: np.ndarr
 def _ros_name(name: str) -> str:
     """Return a name that ROS takes for a frame."""
     return re.sub(r"\W", "_", name, flags=re.ASCII)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
 
 
 _BLENDER = '''\
@@ -252,7 +249,7 @@ def _blender_script(placement: Placement, surfaces: list[str]) -> str:
             }
         )
     return _BLENDER.format(
-        title=_one_line(study.title).replace("\\", "/").replace('"', "'"),
+        title=in_one_line(study.title).replace("\\", "/").replace('"', "'"),
         unit=study.unit,
         metres=MM_PER_UNIT[study.unit] / 1000,
         surfaces=surfaces,

@@ -26,7 +26,8 @@ from glvis.camera import angles_from_direction, position_direction_roll
 from glvis.inputs.pieces import fold_counts, folded, seen_share
 from glvis.inputs.scene import Model
 from glvis.optim.placement import Placement, TraceRow
-from glvis.outputs.folder import INDEX, STUDY, files_below, write_index
+from glvis.outputs.folder import INDEX, STUDY, write_index
+from glvis.outputs.journal import files_below, write_whole
 from glvis.outputs.tables import mean_row, mean_terms, model_rows, sensor_rows
 from glvis.outputs.within_reach import reach_rows
 from glvis.sight.visibility import VisibilityMap, render_resolution
@@ -55,7 +56,7 @@ def write_data(placement: Placement, directory: Path) -> None:
     """
     study = placement.study
     rows = model_rows(study.models, placement.maps, study.objective)
-    (directory / STUDY).write_text(study.text, encoding="utf-8")
+    write_whole(directory / STUDY, study.text)  # a search may have to go on with it
     shares = [f"seen_by_{n}_percentage" for n in range(1, len(study.sensor_names) + 1)]
     columns = ["seen_by_all_cameras", "unique_seen", "total", "percentage", "area_percentage"]
     mean = mean_row(rows)

@@ -6,6 +6,7 @@ again after each one; the index is there from the start, so that a killed series
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,18 +20,28 @@ from glvis.optim.placement import INTERRUPTED, Placement
 from glvis.outputs.delivery import deliver
 from glvis.outputs.folder import (
     INDEX,
+    OWN,
+    RENEWAL,
+    SERIES,
+    STAGING,
     STUDY,
     can_resume,
-    machine_errors,
-    made_folders,
+    manifest,
     read_index,
-    remove_if_empty,
-    remove_result,
     result_folder,
     series_index,
-    write_whole,
+    settle_folder,
 )
 from glvis.outputs.indexes import SeriesIndex
+from glvis.outputs.journal import (
+    machine_errors,
+    put_in_place,
+    refuse_links,
+    remove_files,
+    remove_if_empty,
+    write_whole,
+)
+from glvis.outputs.lock import held
 from glvis.outputs.series_tables import FILES, write_series
 from glvis.outputs.spread import Spread, outcomes_of
 
@@ -73,12 +84,12 @@ def read_series(directory: Path, repeats: int | None = None) -> Plan:
 def series_folder(
     directory: Path, plan: Plan, text: str, *, overwrite: bool = False
 ) -> Iterator[None]:
-    """Make the folder of a new series; it goes again if its first run does not even begin.
+    """Write what a series begins with; it goes again if its first run does not even begin.
 
     Parameters
     ----------
     directory : Path
-        The folder.
+        An existing folder, this process's own; see ``own_folder``.
     plan : Plan
         All runs.
     text : str
@@ -93,20 +104,22 @@ def series_folder(
     MachineError
         If it cannot be written to.
     """
+    staging = directory / RENEWAL
     with machine_errors(directory):
         _refuse_what_is_there(directory, overwrite)
-        made = made_folders(directory)
-        if series_index(directory):
-            _remove_series(directory)
-        write_whole(directory / STUDY, text)
-        write_series(directory, plan)
+        old = _files_of_series(directory)
+        refuse_links(directory, old, [RENEWAL, STAGING])
+        for left in (staging, directory / STAGING):  # by what was killed before it began
+            shutil.rmtree(left, ignore_errors=True)
+        staging.mkdir()
+        write_whole(staging / STUDY, text)
+        write_series(staging, plan)
+        put_in_place(staging, directory, old, SERIES)
     try:
         yield
     except BaseException:
         if not any((directory / run.name).exists() for run in plan.runs):
-            _remove_series(directory)
-            for folder in reversed(made):
-                remove_if_empty(folder)
+            remove_files(directory, [*_heads(directory, FILES), STUDY])
         raise
 
 
@@ -121,7 +134,7 @@ def run_series(
 ) -> bool:
     """Run what has not finished yet; return whether all runs have now.
 
-    Ctrl-C and SIGTERM end the run in hand with a result, and the series with it.
+    Ctrl-C, SIGTERM and SIGHUP end the run in hand with a result, and the series with it.
 
     Parameters
     ----------
@@ -145,6 +158,9 @@ def run_series(
     MachineError
         Where there is no OpenGL, or the folder cannot be written to.
     """
+    refuse_links(directory, (), [run.name for run in plan.runs])
+    for run in plan.runs:
+        settle_folder(directory / run.name)
     finished = {one.run.name for one in outcomes_of(directory, plan) if one.is_finished}
     for run in plan.runs:
         if run.name in finished:
@@ -155,10 +171,10 @@ def run_series(
         try:
             with result_folder(directory / run.name, resume=resume, series=directory) as folder:
                 study = load_study(directory / STUDY, run.settings)
-                if not resume:
+                if not folder.goes_on:
                     folder.keep_study(study.text)
                 sentences = warnings(study)
-                placement = search(study, folder.checkpoint, resume)
+                placement = search(study, folder.checkpoint, folder.goes_on)
                 deliver(placement, folder, warnings=sentences, pictures=False, meshes=meshes)
             write_series(directory, plan)
         except KeyboardInterrupt:
@@ -177,7 +193,9 @@ def _refuse_what_is_there(directory: Path, overwrite: bool) -> None:
     """Raise if a new series may not have this folder."""
     if directory.exists() and not directory.is_dir():
         raise StudyError(f"{directory}: is a file; the results need a folder")
-    inside = sorted(entry.name for entry in directory.iterdir()) if directory.exists() else []
+    inside = {entry.name for entry in directory.iterdir()} - {*OWN}
+    if can_resume(directory):  # the search of one run
+        inside.add(INDEX)
     index = series_index(directory)
     if index:
         read_index(index)  # or it is somebody else's
@@ -191,9 +209,20 @@ def _refuse_what_is_there(directory: Path, overwrite: bool) -> None:
         raise StudyError(f"{directory}: is not empty and holds {what}; choose another folder")
 
 
-def _remove_series(directory: Path) -> None:
-    """Remove a series from a folder; what somebody else put there stays."""
-    for path in directory.glob("run-[0-9][0-9]*"):
-        remove_result(path)
-    for name in (*FILES, STUDY):
-        (directory / name).unlink(missing_ok=True)
+def _files_of_series(directory: Path) -> list[str]:
+    """Return the files of the series in a folder and of its runs; what is unfinished goes."""
+    names = [*_heads(directory, (*FILES, STUDY))] if series_index(directory) else []
+    for path in sorted(directory.glob("run-[0-9][0-9]*")) if names else ():
+        refuse_links(directory, (), [path.name])
+        if path.is_dir():
+            settle_folder(path)
+            with held(path):
+                shutil.rmtree(path / STAGING, ignore_errors=True)
+            names += [f"{path.name}/{name}" for name in manifest(path)]
+            remove_if_empty(path)
+    return names
+
+
+def _heads(directory: Path, names: Sequence[str]) -> list[str]:
+    """Return which files are there, and what a kill has left of them."""
+    return [name for own in names for name in (own, f"{own}.part") if (directory / name).exists()]

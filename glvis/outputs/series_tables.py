@@ -10,7 +10,8 @@ from typing import Any
 from glvis.drawing.seriesplots import Line, Panel, TracedRun, write_repeats, write_sweep
 from glvis.inputs.overrides import toml_text
 from glvis.inputs.sweep import Plan, key_label, label_of, value_text
-from glvis.outputs.folder import SERIES, machine_errors, write_index
+from glvis.outputs.folder import SERIES, write_index
+from glvis.outputs.journal import machine_errors, whole_file
 from glvis.outputs.reading import read_trace
 from glvis.outputs.result import SCHEMA, TRACE, versions, write_csv
 from glvis.outputs.spread import Apart, Spread, Statistic, outcomes_of, spread
@@ -94,7 +95,8 @@ def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
                 TracedRun(one.run.name, one.run.seed, maps, best, one.value, one.percentage)
             )
         title = f"{plan.title}: {len(runs)} runs with different seeds"
-        write_repeats(path, runs, title=title, quantity=quantities.pop())
+        with machine_errors(directory), whole_file(path) as part:
+            write_repeats(part, runs, title=title, quantity=quantities.pop())
         return
     key = _along(plan)
     shown = ["percentage", "area_percentage"]
@@ -102,14 +104,15 @@ def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
     if len(quantities) == 1:  # values of different objectives have no common axis
         shown, names["value"] = ["value", "percentage"], quantities.pop()
     panels = [Panel(names[name], _lines(plan, spreads, name)) for name in shown]
-    write_sweep(
-        path,
-        panels,
-        title=plan.title,
-        x_label=key_label(key, plan.unit),
-        ticks=_ticks(plan.sweep[key]),
-        are_numbers=_are_numbers(plan.sweep[key]),
-    )
+    with machine_errors(directory), whole_file(path) as part:
+        write_sweep(
+            part,
+            panels,
+            title=plan.title,
+            x_label=key_label(key, plan.unit),
+            ticks=_ticks(plan.sweep[key]),
+            are_numbers=_are_numbers(plan.sweep[key]),
+        )
 
 
 def _along(plan: Plan) -> str:
@@ -187,6 +190,5 @@ def _point_entry(found: Spread) -> dict[str, Any]:
 
 def _write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Write a table; until it is whole, the one before stays."""
-    part = path.with_name(f"{path.name}.part")
-    write_csv(part, header, rows)
-    part.replace(path)
+    with whole_file(path) as part:
+        write_csv(part, header, rows)
