@@ -168,13 +168,15 @@ def test_view_through_one_sensor_tells_seen_from_refused():
 
 def test_shares_are_of_the_area_where_the_objective_is(ring):
     study, poses, maps = ring
-    by_area = replace(study, objective=replace(study.objective, by_area=True))
+    by_faces, by_area = (
+        replace(study, objective=replace(study.objective, by_area=which)) for which in (False, True)
+    )
     visible = np.zeros_like(maps[0].visible)
     areas = study.models[0].areas
     visible[0, np.argsort(areas)[len(areas) // 2 :]] = True  # the larger half
     area = 100 * areas[visible[0]].sum() / areas.sum()
     assert area > 52
-    for one, expected, whole in ((study, 50.0, "2,304 faces"), (by_area, area, "the area")):
+    for one, expected, whole in ((by_faces, 50.0, "2,304 faces"), (by_area, area, "the area")):
         with Stage(one, poses) as stage:
             seen = stage.show(0, replace(maps[0], visible=visible))
             text = subtitle(stage).replace("\u00a0", " ")
