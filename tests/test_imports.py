@@ -110,7 +110,7 @@ ARROWS = {
     "series": "delivery errors folder placement series_tables spread study sweep",
     "doctor": "context result selftest",
     "terminal": "placement",
-    "wording": "checks errors estimate pieces placement study tables terminal visibility"
+    "wording": "checks errors estimate pieces placement study tables terminal visibility winding"
     " within_reach",
     "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal",
