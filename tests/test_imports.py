@@ -124,8 +124,8 @@ ARROWS = {
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"
     " sensor",
     "report": "mounting page placement result tables within_reach",
-    "delivery": "errors files export_poses export_surfaces folder hints mounting page pictures placement"
-    " reading report result selection",
+    "delivery": "errors files export_poses export_surfaces folder hints mounting page pictures"
+    " placement reading report result selection",
     "spread": "camera errors estimate folder placement sensor sweep reading",
     "series_tables": "folder overrides reading result seriesplots spread sweep journal",
     "series": "delivery errors folder placement series_tables spread study sweep complaints"
@@ -133,7 +133,7 @@ ARROWS = {
     "doctor": "context result selftest",
     "terminal": "placement",
     "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
-    " within_reach checks",
+    " within_reach checks winding",
     "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal regions",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",

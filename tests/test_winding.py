@@ -18,7 +18,14 @@ from shapes import (
 )
 
 from glvis.inputs.scene import SUFFIXES, Model, load_model
-from glvis.inputs.winding import encloses, is_in_solid, looks_inwards, winding, winding_numbers
+from glvis.inputs.winding import (
+    encloses,
+    is_closed,
+    is_in_solid,
+    looks_inwards,
+    winding,
+    winding_numbers,
+)
 
 
 def model(shape: Shape) -> Model:
@@ -136,5 +143,7 @@ def test_real_meshes(shared_data):
             assert winding(m.flipped()).inside_out.mean() > 0.99, name
     assert found["featuretype.STL"].boundary_edges == 576
     assert winding(found["featuretype.STL"]).open_edges == 0
+    assert is_closed(found["featuretype.STL"])
+    assert not is_closed(found["chair_model.obj"]) and not is_closed(found["arm1.stl"])
     assert winding(found["chair_model.obj"]).doubled.all()
     assert winding(found["chair_model.obj"]).disputed_edges == 0

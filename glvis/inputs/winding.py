@@ -90,6 +90,14 @@ def winding(model: Model) -> Winding:
     )
 
 
+def is_closed(model: Model) -> bool:
+    """Return whether a model has no rim, near vertices taken as one; sheets are no bodies."""
+    if model.is_closed:
+        return True
+    found = winding(model)
+    return found.open_edges == 0 and not found.doubled.any()
+
+
 def winding_numbers(model: Model, points: ArrayLike) -> Floats:
     """Return how often a model winds about points, (P,): 1 inside a body, 0 outside of all.
 

@@ -18,6 +18,7 @@ from glvis.inputs.estimate import (
 )
 from glvis.inputs.pieces import pieces_words
 from glvis.inputs.study import Study
+from glvis.inputs.winding import is_closed
 from glvis.optim.placement import Placement
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.outputs.tables import mean_row, model_rows, sensor_table
@@ -42,7 +43,7 @@ def study_lines(study: Study) -> Iterator[str]:
         header,
         [
             (what, m.name, m.n_faces, float(m.areas.sum()), m.mean_edge,
-             "closed" if m.is_closed else "open")
+             "closed" if is_closed(m) else "open")
             for what, m in [(what, m.file) for what, m in meshes]
         ],
     )  # fmt: skip
