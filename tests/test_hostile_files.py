@@ -23,7 +23,8 @@ from glvis.inputs.scene import load_model
 from glvis.inputs.study import load_study
 from glvis.optim.checkpoint import read_checkpoint
 from glvis.optim.search import search_from_state
-from glvis.outputs.reading import read_poses, read_result, read_trace
+from glvis.outputs.given_poses import read_given_poses
+from glvis.outputs.reading import read_result, read_trace
 from glvis.outputs.result import write_csv
 
 METHODS = {"swarm": (), "auto": ("search.method=auto", "search.max_maps=100")}
@@ -79,11 +80,12 @@ def test_damaged_results_are_told_or_read(whole, tmp_path, name):
     out = tmp_path / "out"
     shutil.copytree(whole / "auto" / "out", out)
     data, facts = (out / name).read_bytes(), []
+    study = load_study(whole / "auto" / "study.toml")
     for seed in range(60):
         (out / name).write_bytes(fuzz.damaged(Path(name).suffix, data, np.random.default_rng(seed)))
         facts.append(told(read_result, out))
         if name == "result.json":
-            told(read_poses, out, ("A", "B", "C"))
+            told(read_given_poses, out, study)
     assert sum(map(bool, facts)) > 20
 
 
