@@ -94,7 +94,8 @@ def test_without_the_cut_check_warns(tmp_path, capsys):
     path = rooms.write_room_study(tmp_path, 'max_edge = "off"')
     assert main(["check", str(path)]) == 0
     out = capsys.readouterr().out
-    (line,) = (line for line in out.splitlines() if line.startswith("Warning: "))
+    uneven, line = (line for line in out.splitlines() if line.startswith("Warning: "))
+    assert uneven.endswith("the objective counts faces; [objective] by_area = true counts area")
     assert line.startswith(
         "Warning: room: 232 faces hold 100 % of the area and each counts whole: "
     )
