@@ -343,7 +343,8 @@ def test_folder_whose_name_is_too_long_is_one_line(study, tmp_path, capsys):
     for words in (("optimize", "--resume", long), ("optimize", study, "-o", long)):
         assert run(*words) == 1
         error = capsys.readouterr().err
-        assert error == f"error: {long}: cannot be written to: File name too long\n"
+        assert error.startswith(f"error: {str(tmp_path)[:20]}")
+        assert error.endswith("x: cannot be written to: File name too long\n") and len(error) < 500
 
 
 def test_search_killed_before_its_first_iteration_begins_anew(study, one, tmp_path, capsys):

@@ -74,8 +74,10 @@ def test_worst_is_by_what_the_objective_weighs(ring):
     few[0, np.argsort(study.models[0].areas)[1]] = True
     maps[0] = replace(maps[0], visible=few)
     maps[1] = replace(maps[1], visible=much)
-    by_area = replace(study, objective=replace(study.objective, by_area=True))
-    assert worst_models(study, maps)[0] == 1
+    by_faces, by_area = (
+        replace(study, objective=replace(study.objective, by_area=which)) for which in (False, True)
+    )
+    assert worst_models(by_faces, maps)[0] == 1
     areas = study.models[0].areas
     expected = 0 if areas[few[0]].sum() < areas[large] else 1
     assert worst_models(by_area, maps)[0] == expected

@@ -162,10 +162,12 @@ def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
 
 def test_values_by_area_and_by_faces_have_no_common_axis(run, study, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(
-        "glvis.outputs.series_tables.write_sweep",
-        lambda path, panels, **options: drawn.extend(panel.quantity for panel in panels),
-    )
+
+    def write(path, panels, **options):
+        path.touch()
+        drawn.extend(panel.quantity for panel in panels)
+
+    monkeypatch.setattr("glvis.outputs.series_tables.write_sweep", write)
     out = tmp_path / "out"
     assert run("optimize", study, "-o", out, "--sweep", "objective.by_area=false,true")[0] == 0
     assert drawn == ["faces seen [%]", "area seen [%]"]

@@ -128,7 +128,8 @@ def remove_if_empty(folder: Path) -> None:
 def made_folders(path: Path) -> list[Path]:
     """Make a folder and those above it; return the new ones, outermost first."""
     missing = [folder for folder in (path, *path.parents) if not folder.exists()]
-    path.mkdir(parents=True, exist_ok=True)
+    for folder in reversed(missing):  # mkdir(parents=True) goes as deep as the path
+        folder.mkdir(exist_ok=True)
     return missing[::-1]
 
 
