@@ -196,12 +196,14 @@ def test_name_of_two_lines_is_no_model(capsys, folder):
 
 
 @pytest.mark.parametrize("path", ["x" * 5000, "y/" * 1500])
-def test_path_that_is_too_long_is_one_line(capsys, path):
+def test_path_that_is_too_long_is_one_line(capsys, path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     for arguments in (["optimize", "--resume"], ["check"], ["render"]):
         assert main([*arguments, path]) in (1, 2)
         (line,) = capsys.readouterr().err.splitlines()
         assert line.startswith("error: ")
         assert len(line) < 500
+        assert not any(tmp_path.iterdir())
 
 
 def test_large_study_is_kept_as_it_was_run():

@@ -63,7 +63,9 @@ def _locked(lock: Path) -> Any:
                 f"{lock.parent}: another glvis is at work in this folder; wait until it has ended "
                 "or choose another folder"
             )
-        if connection is None:
+        if connection is None:  # nothing can be locked here
+            with suppress(OSError):
+                lock.unlink()
             return None
         with suppress(OSError):
             if lock.stat().st_ino == before:
