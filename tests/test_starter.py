@@ -278,7 +278,7 @@ def test_gltf_and_3mf_come_in_their_own_unit_and_up(tmp_path):
     assert load_study(path).unit == "in"
     path, said = remarks_of(tmp_path / "m", [part], unit="mm")
     assert np.ptp(load_study(path).models[0].bounds, axis=0) == pytest.approx(101.6)
-    assert said[0] == "part: 102 x 102 x 102 mm in all, z is up"
+    assert said[0] == "part: 102 x 102 x 102 mm in all, z is up (or: --up y)"
 
 
 def test_what_lies_far_from_the_origin_keeps_its_place(tmp_path):
@@ -375,7 +375,7 @@ def test_command_takes_one_place_and_says_what_it_found(tmp_path, capsys):
     assert "--above and --room exclude each other" in capsys.readouterr().err
     assert main([*arguments, "--sensor", "kinect-v2", "--sensors", "2", "--around"]) == 0
     out = capsys.readouterr().out.splitlines()
-    assert out[0] == "cube: 0.6 x 0.6 x 0.6 m in all, z is up"
+    assert out[0] == "cube: 0.6 x 0.6 x 0.6 m in all, z is up (or: --up y)"
     assert out[1].startswith("Warning: 1.04 mm across: are these metres (1.04 m)?")
     assert out[2].startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415")
 

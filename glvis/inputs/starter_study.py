@@ -121,7 +121,8 @@ def study_of_meshes(
         fit = fitting_sensor(float(np.linalg.norm(size)) / 2, unit, choices.sensor)
         mounts = part_mounts(whole, fit, n, up, place)
     across = " x ".join(short(value) for value in size)
-    on_remark(f"{_listed(meshes)}: {across} {unit} in all, {up} is up")
+    other = " (or: --up y)" if choices.up is None and up == "z" else ""  # most assets have y
+    on_remark(f"{_listed(meshes)}: {across} {unit} in all, {up} is up{other}")
     for line in (
         *_doubts(whole, doubted, guess, unit),
         *(_remarks_of_several(meshes, is_one) if choices.together is None else ()),
