@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -419,12 +420,19 @@ def test_a_scheduler_or_worker_without_glvis_is_refused(dask, study, monkeypatch
 
     async def without(client, **options):
         found = await versions(client, **options)
-        found["scheduler"]["packages"]["glvis"] = None
+        found["scheduler"]["packages"]["glvis-placement"] = None
         return found
 
     monkeypatch.setattr(distributed.Client, "get_versions", without)
-    with pytest.raises(MachineError, match="the scheduler has glvis not at all, this process"):
+    with pytest.raises(MachineError, match="the scheduler has glvis-placement not at all, this p"):
         ClusterMaps(MapScene.of(study), dask.address)
+
+
+def test_dask_knows_the_package_by_the_name_that_versions_are_asked_by():
+    """Asked by another name it answers None for everybody, and None equals None."""
+    remote = pytest.importorskip("glvis.optim.remote")
+    project = tomllib.loads((Path(ROOT) / "pyproject.toml").read_text())["project"]
+    assert project["name"] == remote.DISTRIBUTION
 
 
 def test_error_on_a_worker_is_raised_here(dask, study, jobs):

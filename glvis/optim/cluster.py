@@ -176,7 +176,8 @@ class ClusterMaps:
     def _check_versions(self) -> None:
         """Refuse workers, and a scheduler, that have other packages than this process."""
         found = self._asked(
-            partial(self._client.get_versions, packages=["glvis"]), all_workers=True
+            partial(self._client.get_versions, packages=[self._remote.DISTRIBUTION]),
+            all_workers=True,
         )
         ours = {name: found["client"]["packages"][name] for name in self._remote.VERSIONS}
         everybody = {"the scheduler": found["scheduler"]} | {

@@ -24,7 +24,8 @@ from glvis.sight.maps import Bits, LocalMaps, MapJob, MapScene
 # Address of the worker, who draws there, maps, the seconds they took.
 Answer = tuple[str, GlInfo, Bits, float]
 
-VERSIONS = {"glvis": __version__, "numpy": np.__version__}  # what decides the bits of maps
+DISTRIBUTION = "glvis-placement"  # what pip and dask know the package by
+VERSIONS = {DISTRIBUTION: __version__, "numpy": np.__version__}  # what decides the bits of maps
 _PREFIX = "glvis-scene-"
 
 # A context belongs to the thread that made it, and dask has several. One core a worker: the
