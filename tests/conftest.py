@@ -9,9 +9,12 @@ import pytest
 # Real meshes that nobody here modelled lie beside the checkout, where there are any.
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
-# A shell lets what it starts in the background ignore Ctrl-C, which tests here send.
+# A shell lets what it starts in the background ignore Ctrl-C, and nohup the end of its terminal;
+# tests here send both, and what they start inherits what is ignored.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_addoption(parser):
