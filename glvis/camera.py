@@ -142,6 +142,43 @@ def camera_to_world(
     return pose
 
 
+def look_at(
+    position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 0, 1), roll_deg: ArrayLike = 0.0
+) -> Array:
+    """Return poses of cameras at ``position`` whose optical axes go through ``target``.
+
+    Parameters
+    ----------
+    position, target : (..., 3) float
+        Optical centre, and a point that is in the middle of the image; world frame.
+    up : (3,) float
+        World direction that an unrolled image shows upright.
+    roll_deg : (...) float
+        Rotation about the optical axis by the right-hand rule, degrees.
+
+    Returns
+    -------
+    camera_to_world : (..., 4, 4) float64
+        Rigid poses: columns right, up, against the optical axis, and position.
+
+    Raises
+    ------
+    ValueError
+        If a target is its position, or ``up`` is zero.
+
+    Examples
+    --------
+    >>> import glvis
+    >>> glvis.look_at([0, -10, 0], [0, 0, 0]).round(3) + 0.0
+    array([[  1.,   0.,   0.,   0.],
+           [  0.,   0.,  -1., -10.],
+           [  0.,   1.,   0.,   0.],
+           [  0.,   0.,   0.,   1.]])
+    """
+    position, target = np.asarray(position, dtype=float), np.asarray(target, dtype=float)
+    return camera_to_world(position, target - position, np.radians(roll_deg), up)
+
+
 def position_direction_roll(
     pose: ArrayLike, up: ArrayLike = (0, 0, 1)
 ) -> tuple[Array, Array, Array]:

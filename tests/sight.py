@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from functools import cached_property
 
 import numpy as np
 
 from glvis.camera import Intrinsics, camera_to_world
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.caster import Caster
-from glvis.sight.clusters import Clusters
-from glvis.sight.culling import Culling
-from glvis.sight.mapper import Mapper
-from glvis.sight.renderer import Renderer
-from glvis.sight.selftest import can_cast
-from glvis.sight.surface import Surface
+from glvis.sight.batch import Question
+from glvis.sight.gpu_scene import GpuScene
+from glvis.sight.maps import LocalMaps, MapScene
+from glvis.sight.points import grid_size, large_faces
 from glvis.sight.views import Views
 from glvis.sight.visibility import VisibilityOptions
 
@@ -79,64 +75,50 @@ def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.
     return camera_to_world(position, target - position, rng.uniform(-np.pi, np.pi, size=n))
 
 
-class Looking(Mapper):
-    """A mapper that is asked by poses: all that it draws is its model and the obstacles."""
+class Looking:
+    """A shape among obstacles, looked at from poses by any sensor, made by one engine."""
 
-    @cached_property
-    def culling(self) -> Culling:
-        return Culling([self.surface, *self._obstacles])
+    def __init__(self, shape, obstacles, *, tiles, origin, casts, **options):
+        self.model = Model.from_arrays("target", *shape)
+        self.options = VisibilityOptions(**options)
+        hiding = [Model.from_arrays(f"obstacle{i}", *o) for i, o in enumerate(obstacles)]
+        self.scene = GpuScene([self.model], hiding, np.asarray(origin, dtype=float))
+        parts = MapScene((self.model,), tuple(hiding), (), self.options)
+        self.maps = LocalMaps(parts, tiles, casts=casts, origin=self.scene.origin)
+
+    @property
+    def surface(self):
+        return self.scene.targets[0]
 
     def views(self, poses: np.ndarray, device: Sensor) -> Views:
-        by_axis = self.options.incidence == "axis"
-        return Views.of(poses, device, self.culling.corners, by_axis=by_axis)
+        return Views.of(poses, device, self.scene.corners, self.options)
 
     def looks(self, poses: np.ndarray, device: Sensor) -> np.ndarray:
-        views = self.views(poses, device)
-        question = self.question(device)
-        chosen = self.culling.chosen(views)
-        caster = Caster()
-        try:
-            cast = question and caster.visible(views, question, chosen, self.origin)
-        finally:
-            caster.release()
-        return self.visible(views, device, chosen) if cast is None else cast
+        (visible,) = self.maps.visible(poses, device)
+        return visible
+
+    def question(self, device: Sensor) -> Question:
+        grid = grid_size(device, self.model)
+        return Question(self.scene, self.surface, grid, large_faces(self.options))
+
+    def release(self):
+        self.maps.release()
+        self.scene.release()
 
 
 @contextmanager
-def mapper(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **options):
-    """Yield the mapper of a shape (vertices, faces) among obstacles, released afterwards."""
-    origin = np.asarray(origin, dtype=float)
-    casts = can_cast() if casts is None else casts
-    renderers: dict[tuple[int, int], Renderer] = {}
-
-    def renderer_of(resolution):
-        if resolution not in renderers:
-            renderers[resolution] = Renderer(resolution, tiles)
-        return renderers[resolution]
-
-    surfaces = [
-        Surface(Clusters.of(Model.from_arrays(f"obstacle{i}", *o)), origin, is_target=False)
-        for i, o in enumerate(obstacles)
-    ]
-    model = Model.from_arrays("target", *shape)
-    made = Looking(
-        model,
-        surfaces,
-        VisibilityOptions(**options),
-        origin,
-        renderer_of,
-        casts=casts,
-    )
+def looking(shape, obstacles=(), *, tiles=None, origin=(0, 0, 0), casts=None, **options):
+    """Yield a shape (vertices, faces) among obstacles to be looked at, released afterwards."""
+    made = Looking(shape, obstacles, tiles=tiles, origin=origin, casts=casts, **options)
     try:
         yield made
     finally:
-        for part in (made, *surfaces, *renderers.values()):
-            part.release()
+        made.release()
 
 
 def seen(shape, poses=DOWN, device=None, obstacles=(), *, tiles=None, **options) -> np.ndarray:
     """Return which faces poses (N, 4, 4) see, (N, F) bool; one pose (4, 4) gives (F,)."""
     many = np.asarray(poses).reshape(-1, 4, 4)
-    with mapper(shape, obstacles, tiles=tiles, **options) as made:
+    with looking(shape, obstacles, tiles=tiles, **options) as made:
         visible = made.looks(many, device or sensor())
     return visible if np.ndim(poses) == 3 else visible[0]

@@ -4,7 +4,7 @@ import numpy as np
 import oracle
 import pytest
 import shapes
-from sight import d415, mapper, random_poses, sensor
+from sight import d415, looking, random_poses, sensor
 
 from glvis.camera import camera_to_world
 from glvis.inputs.scene import load_model
@@ -35,7 +35,7 @@ def test_id_images_are_what_rays_through_pixel_centres_hit(name, seed):
     size = (64, 48)
     device = sensor(hfov_deg=60, vfov_deg=45, resolution=size)
     poses = random_poses(rng, 3)
-    with mapper(shape) as made, Renderer(size) as renderer:
+    with looking(shape) as made, Renderer(size) as renderer:
         views = made.views(poses, device)
         everything = np.ones((len(poses), len(made.surface.clusters)), dtype=bool)
         selection = Selection(made.surface, everything)
@@ -85,7 +85,7 @@ def test_maps_are_those_of_the_ray_caster(options):
             hfov_deg=60, vfov_deg=45, resolution=size, near=2, far=3.4, max_incidence_deg=70
         )
         poses = random_poses(rng, 2)
-        with mapper(body, [obstacle], resolution=size, **options) as made:
+        with looking(body, [obstacle], resolution=size, **options) as made:
             visible = made.looks(poses, device)
         rules = oracle.Rules(
             **{k: v for k, v in options.items() if k != "criterion"}, clip_near=3.4e-3
@@ -117,7 +117,7 @@ def test_a_real_arm_is_seen_as_rays_see_it(criterion, shared_data):
     eye = oracle.Eye.of(device)
     poses = table_8_poses()
     corners = arm.vertices[arm.faces]
-    with mapper((arm.vertices, arm.faces), criterion=criterion) as made:
+    with looking((arm.vertices, arm.faces), criterion=criterion) as made:
         visible = made.looks(poses, device)
     wrong = missed = half = both = either = 0
     for pose, ours in zip(poses, visible, strict=True):

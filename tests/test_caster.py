@@ -5,13 +5,13 @@ import re
 import numpy as np
 import pytest
 import shapes
-from sight import DOWN, mapper, random_poses, seen, sensor
+from sight import DOWN, looking, random_poses, seen, sensor
 
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
-from glvis.sight import batch, caster, points, selftest, surface
-from glvis.sight.caster import Caster
+from glvis.sight import batch, points, selftest, surface
+from glvis.sight.cast import Caster
 from glvis.sight.maps import LocalMaps, MapJob, MapScene
 from glvis.sight.visibility import VisibilityOptions
 
@@ -43,7 +43,7 @@ def scene(seed):
 
 def visible(seed, *, casts=True, device=DEVICE, **options):
     body, obstacle, poses = scene(seed)
-    with mapper(body, [obstacle], casts=casts, **options) as made:
+    with looking(body, [obstacle], casts=casts, **options) as made:
         return made.looks(poses, device)
 
 
@@ -122,7 +122,7 @@ def test_a_plate_over_very_many_cells_hides_a_fine_wall(shaders):
     device = sensor(far=3.2)
 
     def seen(casts):
-        with mapper(wall, [plate], casts=casts, criterion="centroid") as made:
+        with looking(wall, [plate], casts=casts, criterion="centroid") as made:
             cells = points.grid_size(device, made.model)
             assert np.prod(cells) * (0.5 / np.tan(np.radians(30)) / 1.5) ** 2 > 4096
             return made.looks(DOWN[None], device)[0]
@@ -137,9 +137,9 @@ def test_large_occluders_that_cross_hide_together():
     wall = shapes.plate(1, center=(0, 0, -3), cells=(60, 60))
     rng = np.random.default_rng(3)
     large = shapes.moved(shapes.soup(rng, 200, 1.0, 0.7), (0, 0, -1.8))
-    with mapper(wall, [large], casts=True) as made:
+    with looking(wall, [large], casts=True) as made:
         cast = made.looks(DOWN[None], sensor(far=3.2))
-    with mapper(wall, [large], casts=False) as made:
+    with looking(wall, [large], casts=False) as made:
         assert np.array_equal(cast, made.looks(DOWN[None], sensor(far=3.2)))
 
 
@@ -162,11 +162,11 @@ def test_where_the_driver_gives_up_numpy_makes_the_same_map(options, monkeypatch
 
     assert selftest.can_cast()  # before the driver gives up
     with monkeypatch.context() as patch:
-        patch.setattr("glvis.sight.mapper.Mapper.visible", no_numpy)
+        patch.setattr("glvis.sight.looking.Mapper.visible", no_numpy)
         cast = made()
     monkeypatch.setattr(Caster, "_has_finished", lambda self: False)
     with pytest.raises(AssertionError, match="NumPy"), monkeypatch.context() as patch:
-        patch.setattr("glvis.sight.mapper.Mapper.visible", no_numpy)
+        patch.setattr("glvis.sight.looking.Mapper.visible", no_numpy)
         made()
     assert cast.any() and np.array_equal(cast, made())
 
@@ -174,7 +174,7 @@ def test_where_the_driver_gives_up_numpy_makes_the_same_map(options, monkeypatch
 def test_a_loop_that_is_cut_short_is_reported(shaders):
     shaders("if (y > to.y) break;", "break;")
     body, obstacle, poses = scene(0)
-    with mapper(body, [obstacle], casts=True) as made:
+    with looking(body, [obstacle], casts=True) as made:
         views, question, tracer = made.views(poses, DEVICE), made.question(DEVICE), Caster()
         try:
             chosen = made.culling.chosen(views)
@@ -194,21 +194,21 @@ def test_a_loop_that_is_cut_short_is_reported(shaders):
     ],
 )
 def test_nothing_to_see_makes_empty_maps(shape, poses, options):
-    with mapper(shape, [shapes.plate(1, center=(0, 0, -1))], casts=True, **options) as made:
+    with looking(shape, [shapes.plate(1, center=(0, 0, -1))], casts=True, **options) as made:
         found = made.looks(poses, sensor())
     assert found.shape == (len(poses), len(shape[1])) and not found.any()
 
 
 def test_an_obstacle_without_area_hides_nothing():
     hides = shapes.merged(LINE, BEHIND)
-    with mapper(shapes.plate(1, center=(0, 0, -2)), [hides], casts=True) as made:
+    with looking(shapes.plate(1, center=(0, 0, -2)), [hides], casts=True) as made:
         assert made.looks(DOWN[None], sensor()).all()
 
 
 def test_what_was_asked_before_leaves_nothing_behind():
     body, obstacle, poses = scene(0)
     tracer = Caster()
-    with mapper(body, [obstacle], casts=True) as made:
+    with looking(body, [obstacle], casts=True) as made:
 
         def asked(some):
             views = made.views(some, DEVICE)
@@ -291,5 +291,5 @@ def test_an_edge_on_the_horizon_limits_only_rows(half, roll):
     plate = shapes.plate(1.2, center=(0, 0.6 * half, -1.5))  # one edge at the height of the eye
     pose = camera_to_world([0, 0, 0], [0, 0, -1], roll, up=(0, 1, 0))
     device = sensor(hfov_deg=70, vfov_deg=70, far=3.2)
-    with mapper(wall, [plate], casts=True, criterion="centroid") as made:
+    with looking(wall, [plate], casts=True, criterion="centroid") as made:
         assert np.array_equal(made.looks(pose[None], device)[0], half * y < 0)

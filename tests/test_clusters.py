@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapes
-from sight import mapper, random_poses, sensor
+from sight import looking, random_poses, sensor
 
 from glvis.camera import camera_to_world
 from glvis.inputs.scene import Model
@@ -59,7 +59,7 @@ def test_culling_never_changes_an_id_image(body, seed, occlusion):
     poses = np.concatenate(
         [random_poses(rng, 12), random_poses(rng, 8, 1.2), random_poses(rng, 8, 0.4)]
     )
-    with mapper(shape, occlusion=occlusion, resolution=(96, 72)) as made:
+    with looking(shape, occlusion=occlusion, resolution=(96, 72)) as made:
         views = made.views(poses, sensor(hfov_deg=70, vfov_deg=50, far=3.5))
         culled, candidates = made.culling.chosen(views)[made.surface]
         if occlusion == "paper":
@@ -77,7 +77,7 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
     shape = shapes.blob(rng)
     poses = random_poses(rng, 20, rng.uniform(0.3, 4))
     device = sensor(hfov_deg=50, vfov_deg=30, far=3.0, max_incidence_deg=60)
-    with mapper(shape) as made:
+    with looking(shape) as made:
         views = made.views(poses, device)
         chosen = made.culling.chosen(views)[made.surface]
         clusters = made.surface.clusters
@@ -102,7 +102,7 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
 def test_clusters_that_are_too_oblique_are_no_candidates():
     device = sensor(far=30, max_incidence_deg=30)
     pose = camera_to_world([0, 0, 20], [0, 0, -1], up=(0, 1, 0))[None]
-    with mapper(shapes.icosphere(5)) as made:
+    with looking(shapes.icosphere(5)) as made:
         chosen = made.culling.chosen(made.views(pose, device))[made.surface]
         # seen from 20 radii, 30 degrees of incidence are 28.6 at the middle of a sphere, and
         # (1 - cos 28.6) / 2 = 0.061 of it; about half faces the eye

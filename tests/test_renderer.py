@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapes
-from sight import DOWN, mapper, random_poses
+from sight import DOWN, looking, random_poses
 
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
@@ -33,7 +33,7 @@ def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_dis
 
 
 def ids(shape, poses=DOWN, size=(4, 4), *, tiles=1, refused_hide=True, **view):
-    with mapper(shape) as made, r.Renderer(size, tiles) as renderer:
+    with looking(shape) as made, r.Renderer(size, tiles) as renderer:
         these = views(poses, **view)
         everything = np.ones((len(these), len(made.surface.clusters)), dtype=bool)
         selection = r.Selection(made.surface, everything)
@@ -127,7 +127,7 @@ def test_a_plate_seen_from_behind_shows_no_id_and_hides_or_not_as_asked():
 
 def test_depths_are_distances_along_the_axis_in_every_pixel():
     wall = shapes.plate(100, center=(0, 0, -7.5))
-    with mapper(wall) as made, r.Renderer((6, 3)) as renderer:
+    with looking(wall) as made, r.Renderer((6, 3)) as renderer:
         selection = r.Selection(made.surface, np.ones((1, len(made.surface.clusters)), bool))
         for _, _images in renderer.id_images(views(), [selection], origin=np.zeros(3)):
             depth = r.depth_along_axis(renderer.read_depths(1)[0], 0.1, 100.0)

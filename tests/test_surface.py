@@ -7,7 +7,7 @@ import shapes
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
 from glvis.sight import glsl, surface
-from glvis.sight.caster import has_compute
+from glvis.sight.cast import has_compute
 from glvis.sight.clusters import Clusters
 from glvis.sight.surface import packed
 

@@ -15,7 +15,7 @@ from figures import Figures, Truth
 from judge import Judge
 from oracle import Eye
 from shapes import Shape
-from sight import mapper, sensor
+from sight import looking, sensor
 
 from glvis.camera import camera_to_world
 from glvis.inputs.sensor import Sensor
@@ -270,7 +270,7 @@ def _maps(way, shape, poses, device, obstacles, corners) -> np.ndarray:
     """Return the engine's maps, (N, F) bool."""
     options = {"criterion": way.criterion, "resolution": way.resolution}
     origin, _ = size_of(corners)
-    with mapper(shape, obstacles, origin=origin, casts=way.casts, **options) as made:
+    with looking(shape, obstacles, origin=origin, casts=way.casts, **options) as made:
         return made.looks(np.asarray(poses), device)
 
 

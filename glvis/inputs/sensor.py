@@ -49,6 +49,43 @@ class Sensor:
         if min(self.resolution) < 1:
             raise ValueError(f"resolution = {list(self.resolution)} must be at least [1, 1]")
 
+    @classmethod
+    def from_degrees(
+        cls,
+        *,
+        hfov_deg: float,
+        vfov_deg: float,
+        resolution: tuple[int, int],
+        min_distance: float,
+        max_distance: float,
+        max_incidence_deg: float = 90.0,
+        name: str = "sensor",
+    ) -> Sensor:
+        """Return a sensor from its data sheet: angles in degrees, all else as the attributes.
+
+        Raises
+        ------
+        ValueError
+            If an angle, a distance or the resolution is out of range.
+
+        Examples
+        --------
+        >>> import glvis
+        >>> glvis.Sensor.from_degrees(
+        ...     hfov_deg=66.4, vfov_deg=39.5, resolution=(1280, 720), min_distance=160,
+        ...     max_distance=350, max_incidence_deg=70)
+        Sensor('sensor', 66.4 x 39.5 deg, 1280 x 720 pixels, 160 to 350, incidence up to 70 deg)
+        """
+        width, height = resolution
+        return cls(
+            name,
+            Intrinsics.from_degrees(hfov_deg, vfov_deg),
+            (width, height),
+            min_distance,
+            max_distance,
+            math.radians(max_incidence_deg),
+        )
+
     def __repr__(self) -> str:
         opening = (self.intrinsics.hfov, self.intrinsics.vfov)
         return (

@@ -1,21 +1,23 @@
 """What the shaders that cast are told: which clusters, and which faces, each view has to do with.
 
 One table of numbers and one list serve all views that are looked at together, so that little is
-sent to the GPU and seldom. See ``caster`` for what is done with them.
+sent to the GPU and seldom. See ``cast`` for what is done with them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.sight.culling import Chosen
-from glvis.sight.points import Question, beside, reaches, spans
+from glvis.sight.culling import Culled
+from glvis.sight.filters import may_pass
+from glvis.sight.gpu_scene import GpuScene
+from glvis.sight.points import Large, beside, spans
 from glvis.sight.surface import Surface
-from glvis.sight.views import NEAREST, Views
+from glvis.sight.views import Views
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -55,6 +57,33 @@ _SLACK = 1e-5  # of what faces span in the image, which float32 may round
 
 
 @dataclass(frozen=True, eq=False)
+class Question:
+    """What views ask of one model of a scene.
+
+    Attributes
+    ----------
+    scene : GpuScene
+        The model's, with its obstacles.
+    target : Surface
+        Of the model whose faces are counted.
+    grid : tuple of int
+        Cells (columns, rows) of the image by which points are looked up.
+    large : Large, optional
+        Which faces are judged by several points; None: none are.
+    """
+
+    scene: GpuScene
+    target: Surface
+    grid: tuple[int, int]
+    large: Large | None
+
+    @property
+    def occluders(self) -> Sequence[Surface]:
+        """All that hides: the model itself, and obstacles."""
+        return [self.target, *self.scene.obstacles]
+
+
+@dataclass(frozen=True, eq=False)
 class ViewList:
     """What n views are told of one surface, and where its clusters are listed for each.
 
@@ -80,7 +109,7 @@ class Batch:
         What is asked.
     asked : ViewList
         Clusters that may have a face to count.
-    tan_half : (n, 2) float64
+    tan_half : (2,) float64
         Tangents of the views' half opening angles.
     hiding : list of ViewList
         Clusters in the frusta, of each surface that hides.
@@ -99,22 +128,16 @@ class Batch:
     dispatches: Words
 
     @classmethod
-    def of(
-        cls,
-        views: Views,
-        some: slice,
-        question: Question,
-        chosen: Mapping[Surface, Chosen],
-        origin: Floats,
-    ) -> Batch:
-        """Return the batch of some of the views; all else as for ``Caster.visible``."""
-        told = _of_views(views, some, question, origin)
+    def of(cls, views: Views, some: slice, question: Question, culled: Culled) -> Batch:
+        """Return the batch of some of the views, of what all of them keep of the scene."""
+        told = _of_views(views, some, question)
+        columns = question.scene.columns
         n = len(told)
         asked, hiding, parts, first = None, [], [], 0
-        masks = [(question.targets, chosen[question.targets].candidates)]
-        masks += [(surface, chosen[surface].to_draw.mask) for surface in question.hiding]
+        masks = [(question.target, culled.countable)]
+        masks += [(surface, culled.occludes) for surface in question.occluders]
         for number, (surface, mask) in enumerate(masks):
-            entries, begin, n_listed, groups = _listed(mask[some], surface)
+            entries, begin, n_listed, groups = _listed(mask[some, columns[surface]], surface)
             rows = told.copy()
             rows["lattice"] = surface.lattice
             rows["size_log2"] = surface.clusters.size.bit_length() - 1
@@ -140,7 +163,7 @@ class Batch:
         return cls(
             question,
             asked,
-            views.tan_half[some],
+            views.tan_half,
             hiding,
             np.concatenate(parts),
             dispatches.reshape(-1, 4),
@@ -185,8 +208,8 @@ class LargeFaces:
     @classmethod
     def of(cls, batch: Batch, poses: Floats, marked: Words) -> LargeFaces:
         """Return those of a batch, from poses (n, 4, 4), among records (K,) that ask has marked."""
-        question, rows, half = batch.question, batch.asked.rows, batch.tan_half
-        clusters = question.targets.clusters
+        question, rows, half = batch.question, batch.asked.rows, batch.tan_half[:, None]
+        clusters = question.target.clusters
         model = clusters.model
         assert question.large is not None
         view, place = np.divmod(marked.astype(np.intp), len(clusters.order))
@@ -194,16 +217,16 @@ class LargeFaces:
         corners = np.matmul(corners - poses[view, None, :3, 3], poses[view, :3, :3])
         corners = np.moveaxis(corners, 0, 2)
         corners[:, 2] *= -1
-        kept = reaches(corners, half[view].T, rows["working_range"][view].T)
+        kept = may_pass(corners, half, rows["working_range"][view].T)
         view, place, corners = view[kept], place[kept], corners[..., kept]
-        shares = spans(corners, half[view].T, rows["near"][view].astype(float))
+        shares = spans(corners, half, rows["near"][view].astype(float))
         kept = shares >= question.large.least
         return cls(view[kept], place[kept], shares[kept])
 
     def unseen(self, batch: Batch, parts: int, visible: Bools) -> Closer:
         """Return those of which no point is visible (n, F) yet, to be looked at in parts."""
         rows, large = batch.asked.rows, batch.question.large
-        clusters = batch.question.targets.clusters
+        clusters = batch.question.target.clusters
         assert large is not None
         face = clusters.order[self.place]
         unseen = ~visible[self.view, face]
@@ -254,28 +277,26 @@ def tiles(grid: tuple[int, int]) -> tuple[int, int]:
     return -(-grid[0] // TILE), -(-grid[1] // TILE)
 
 
-def _of_views(views: Views, some: slice, question: Question, origin: Floats) -> NDArray[np.void]:
+def _of_views(views: Views, some: slice, question: Question) -> NDArray[np.void]:
     """Return what is told of each view alone, the rest 0, (n,) VIEW."""
+    origin, limits, half = question.scene.origin, views.limits, views.tan_half
     to_camera = views.world_to_camera[some].copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
     to_camera[:, 2] *= -1  # depth instead of z
-    scale = np.array(question.grid) / 2 / views.tan_half[some]
     to_grid = to_camera.copy()
-    to_grid[:, :2] *= scale[..., None]
+    to_grid[:, :2] *= (np.array(question.grid) / 2 / half)[:, None]
     told = np.zeros(len(to_grid), dtype=VIEW)
     told["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
     told["eye"][:, :3] = views.eye[some] - origin
     told["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
-    told["backwards"][:, 3] = views.min_axis_cos[some]
-    told["working_range"][:, 0] = views.min_distance[some]
-    told["working_range"][:, 1] = views.max_distance[some]
-    told["min_ray_cos"] = views.min_ray_cos[some]
-    told["near"] = NEAREST * views.max_distance[some]
+    told["backwards"][:, 3] = limits.min_axis_cos
+    told["working_range"] = limits.min_distance, limits.max_distance
+    told["min_ray_cos"] = limits.min_ray_cos
+    told["near"] = views.near
     told["size"] = question.grid
     if question.large:
         # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
-        half = views.tan_half[some]
-        span = (np.sqrt(1 + half**2) / (2 * half)).max(axis=1) / question.large.least
+        span = (np.sqrt(1 + half**2) / (2 * half)).max() / question.large.least
         told["span"] = (1 + _SLACK) * span
     number = np.arange(len(told))
     told["first_row"] = question.grid[1] * number

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.crops import corners_in_camera
+from glvis.sight.points import corners_in_camera
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -7,28 +7,27 @@ makes the same maps in other processes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.sight.caster import Caster, can_hold
-from glvis.sight.clusters import Clusters
+from glvis.inputs.scene import Model
+from glvis.inputs.sensor import Sensor
+from glvis.sight import paper, trace
+from glvis.sight.cast import Caster, can_hold
 from glvis.sight.context import GlInfo, gl_info
-from glvis.sight.culling import Culling
-from glvis.sight.mapper import Mapper
-from glvis.sight.renderer import Renderer
+from glvis.sight.culling import Culled, cull
+from glvis.sight.draw import Drawer
+from glvis.sight.gpu_scene import GpuScene
 from glvis.sight.selftest import can_cast, check_driver
-from glvis.sight.surface import Surface
 from glvis.sight.views import Views
+from glvis.sight.visibility import VisibilityOptions, asks_about_points
 
 if TYPE_CHECKING:
-    from glvis.inputs.scene import Model
-    from glvis.inputs.sensor import Sensor
     from glvis.inputs.study import Study
-    from glvis.sight.visibility import VisibilityOptions
 
 # Poses that are looked at together: on a CPU few, so that their masks stay in its cache. Hardware
 # wants many; masks of so many clusters take as much memory in NumPy as there is to spare.
@@ -89,7 +88,7 @@ class MapScene:
 
 
 class MapMaker(Protocol):
-    """Who makes maps."""
+    """A backend that turns map jobs into packed visibility maps."""
 
     gl: GlInfo
     workers: int
@@ -112,11 +111,15 @@ class LocalMaps:
         What there is to see, and by which sensors.
     tiles : int, optional
         Views that share a framebuffer; see ``Renderer``.
+    casts : bool, optional
+        Whether points of faces may be judged by compute shaders; by default where they can.
+    origin : (3,) float64, optional
+        World point that float32 positions are relative to; see ``GpuScene``.
 
     Attributes
     ----------
     gl : GlInfo
-        Who draws.
+        The OpenGL driver in use.
 
     Raises
     ------
@@ -127,28 +130,23 @@ class LocalMaps:
     workers = 1
     names: Sequence[str] = ()
 
-    def __init__(self, scene: MapScene, tiles: int | None = None) -> None:
+    def __init__(
+        self,
+        scene: MapScene,
+        tiles: int | None = None,
+        *,
+        casts: bool | None = None,
+        origin: NDArray[np.float64] | None = None,
+    ) -> None:
         self.gl = gl_info()
         check_driver()
         self.warnings: list[str] = []
-        self._sensors = scene.sensors
-        self._tiles = tiles
-        self._renderers: dict[tuple[int, int], Renderer] = {}
-        self._caster = Caster()
-        origin = self._origin = scene.models[0].bounds.mean(axis=0)
-        self._obstacles = [
-            Surface(Clusters.of(obstacle), origin, is_target=False) for obstacle in scene.obstacles
-        ]
-        self._by_axis = scene.visibility.incidence == "axis"
+        self._sensors, self._options = scene.sensors, scene.visibility
+        self._scene = GpuScene(scene.models, scene.obstacles, origin)
+        self._drawer, self._caster = Drawer(tiles), Caster()
         most = max(model.n_faces for model in (*scene.models, *scene.obstacles))
-        casts = can_cast() and can_hold(most)
-        self._mappers = [
-            Mapper(model, self._obstacles, scene.visibility, origin, self._renderer_of, casts=casts)
-            for model in scene.models
-        ]
-        surfaces = [*(mapper.surface for mapper in self._mappers), *self._obstacles]
-        self._culling = Culling(surfaces)
-        fitting = max(1, _MOST_MASKED // max(1, sum(map(len, (s.clusters for s in surfaces)))))
+        self._casts = can_cast() and can_hold(most) if casts is None else casts
+        fitting = max(1, _MOST_MASKED // max(1, self._scene.n_clusters))
         self._at_once = min(fitting, _AT_ONCE_ON_CPU) if self.gl.is_software else fitting
 
     def make(self, jobs: Sequence[MapJob]) -> Iterator[Bits]:
@@ -156,35 +154,34 @@ class LocalMaps:
         for job in jobs:
             yield np.concatenate([self._bits(part) for part in job.parts(self._at_once)])
 
-    def _bits(self, job: MapJob) -> Bits:
-        """Return the maps of poses that are looked at together."""
-        sensor = self._sensors[job.sensor]
-        corners = self._culling.corners
-        views = Views.of(job.camera_to_world, sensor, corners, by_axis=self._by_axis)
-        chosen = self._culling.chosen(views)
-        found = []
-        for mapper in self._mappers:
-            question = mapper.question(sensor)
-            visible = None
-            if question:
-                visible = self._caster.visible(views, question, chosen, self._origin)
-            if visible is None:
-                visible = mapper.visible(views, sensor, chosen)
-            found.append(np.packbits(visible, axis=1))
-        return np.concatenate(found, axis=1)
+    def visible(
+        self, camera_to_world: NDArray[np.float64], sensor: Sensor
+    ) -> list[NDArray[np.bool_]]:
+        """Return which faces of each model poses (N, 4, 4) of a sensor see, (N, F) bool each."""
+        views = Views.of(camera_to_world, sensor, self._scene.corners, self._options)
+        culled = cull(self._scene, views)
+        return self._engine()(self._scene, views, culled, self._options)
 
     def release(self) -> None:
         """Give the GPU's memory back."""
-        for mapper in self._mappers:
-            mapper.release()
-        for surface in self._obstacles:
-            surface.release()
+        self._scene.release()
         self._caster.release()
-        for renderer in self._renderers.values():
-            renderer.release()
-        self._renderers.clear()
+        self._drawer.release()
 
-    def _renderer_of(self, resolution: tuple[int, int]) -> Renderer:
-        if resolution not in self._renderers:
-            self._renderers[resolution] = Renderer(resolution, self._tiles)
-        return self._renderers[resolution]
+    def _engine(
+        self,
+    ) -> Callable[[GpuScene, Views, Culled, VisibilityOptions], list[NDArray[np.bool_]]]:
+        """Return what makes maps under the options; all answer in the same way."""
+        if self._options.semantics == "paper":
+            return paper.visible
+        if not asks_about_points(self._options):
+            return self._drawer.visible
+        # what CropBack refuses and so hides nothing is no matter for the shaders that cast
+        if self._casts and self._options.occlusion == "physical":
+            return self._caster.visible
+        return trace.visible
+
+    def _bits(self, job: MapJob) -> Bits:
+        """Return the maps of poses that are looked at together."""
+        visible = self.visible(job.camera_to_world, self._sensors[job.sensor])
+        return np.concatenate([np.packbits(seen, axis=1) for seen in visible], axis=1)

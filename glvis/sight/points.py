@@ -1,14 +1,12 @@
-"""Which points of faces are asked about, and what hides them, in NumPy and float64.
+"""The points of faces by which they are judged: centres of mass, and parts of large faces.
 
 A face counts where its centre of mass is free; by the criterion "pixels", where a face is large in
-the image, where any of several points of it is. What ``caster`` finds on the GPU is found here
-wherever it cannot, and for the paper's own semantics: the same points, the same planes.
+the image, where any of several points of it is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +14,10 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.clusters import Clusters
-from glvis.sight.surface import Surface
+from glvis.sight.clusters import Clusters, FaceTable
+from glvis.sight.filters import CameraFaces, in_camera_frame
+from glvis.sight.occlusion import join_runs
+from glvis.sight.visibility import VisibilityOptions
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -26,11 +26,6 @@ Indices = NDArray[np.integer]
 # Cells that a typical face's side spans at maxD, and cells along the longer side of the image, at
 # least and at most. Maps do not depend on them; their time does, and least here, by tools/bench.
 _CELLS_A_SIDE, _FEWEST, _MOST = 1.1, 56, 1024
-# Share of the way by which an occluder must be nearer than a point to hide it, for what float32
-# cannot tell apart is one place, as on the GPU; and share of an edge's reach by which a ray may
-# pass beside it, some steps of float64.
-_NEARER, _BESIDE = 1e-7, 1e-13
-_PAIRS = 1 << 22  # of points and triangles tested at once, at most
 
 
 @dataclass(frozen=True)
@@ -68,26 +63,9 @@ class Large:
 LARGE = Large(1 / 96, 1 / 16)
 
 
-@dataclass(frozen=True, eq=False)
-class Question:
-    """What views ask of a model.
-
-    Attributes
-    ----------
-    targets : Surface
-        Of the model whose faces are counted.
-    hiding : sequence of Surface
-        All that hides: the same surface, and obstacles.
-    grid : tuple of int
-        Cells (columns, rows) of the image by which points are looked up.
-    large : Large, optional
-        Which faces are asked about at several points; None: none are.
-    """
-
-    targets: Surface
-    hiding: Sequence[Surface]
-    grid: tuple[int, int]
-    large: Large | None
+def large_faces(options: VisibilityOptions) -> Large | None:
+    """Return when a face is large enough for several points; None where only its centre counts."""
+    return LARGE if options.criterion == "pixels" else None
 
 
 def beside(clusters: Clusters, seen: Bools, view: Indices, face: Indices) -> Bools:
@@ -106,18 +84,11 @@ def beside(clusters: Clusters, seen: Bools, view: Indices, face: Indices) -> Boo
     corners = clusters.model.faces.take(face, axis=0)
     first = begin.take(corners)
     number = begin.take(corners + 1) - first  # no less than 1: the face itself
-    neighbours = faces.take(_runs(first.ravel(), number.ravel()))
+    neighbours = faces.take(join_runs(first.ravel(), number.ravel()))
     number = number.sum(axis=1)
     sees = seen[np.repeat(view, number), neighbours]
     shared: Bools = np.logical_or.reduceat(sees, np.cumsum(number) - number) if len(face) else sees
     return shared
-
-
-def _runs(first: Indices, number: Indices) -> Indices:
-    """Return first, first + 1, ... of each run, so many, one run after the other."""
-    runs: Indices = np.repeat(first - (np.cumsum(number) - number), number)
-    runs += np.arange(len(runs))
-    return runs
 
 
 def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
@@ -141,24 +112,6 @@ def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
     return np.where(is_before, shares, np.inf)
 
 
-def reaches(corners: Floats, tan_half: Floats, working_range: Floats) -> Bools:
-    """Return which faces may have a point in the image and the working range, (n,) bool.
-
-    Parameters
-    ----------
-    corners, tan_half
-        As for ``spans``.
-    working_range : (2, n) or (2, 1) float64
-        minD and maxD.
-    """
-    depth = corners[:, 2]
-    inside = (depth.max(axis=0) >= working_range[0]) & (depth.min(axis=0) <= working_range[1])
-    for axis in range(2):
-        limit = tan_half[axis] * depth
-        inside &= (corners[:, axis] <= limit).any(axis=0) & (corners[:, axis] >= -limit).any(axis=0)
-    return inside
-
-
 def grid_size(sensor: Sensor, model: Model) -> tuple[int, int]:
     """Return cells (columns, rows) about as large as the faces of a model far from a sensor."""
     tan_x, tan_y = (float(tan) for tan in sensor.intrinsics.tan_half)
@@ -171,135 +124,69 @@ def grid_size(sensor: Sensor, model: Model) -> tuple[int, int]:
     return math.ceil(2 * focal * tan_x), math.ceil(2 * focal * tan_y)
 
 
-def unhidden(points: Floats, triangles: Floats, near: float) -> Bools:
-    """Return which points nothing hides from the eye, (P,) bool.
-
-    Both sides of a triangle hide. One hides a point where the ray to the point meets it earlier by
-    more than a ten millionth of the way, so triangles that coincide do not hide each other. Without
-    area, or seen edge on, it hides nothing.
+def centres_in_camera(table: FaceTable, columns: Indices, camera_to_world: Floats) -> CameraFaces:
+    """Return those of some faces whose centres lie before a camera, by their centres.
 
     Parameters
     ----------
-    points : (3, P) float64
-        x right, y up, and depth along the optical axis, above 0; scene unit, the eye at 0.
-    triangles : (3, 3, T) float64
-        Corner, coordinate, triangle; the same frame.
-    near : float
-        Depth before which nothing hides, scene unit.
+    table : FaceTable
+        Faces in the world frame.
+    columns : (n,) int
+        Which of the table.
+    camera_to_world : (4, 4) float64
+        The pose.
     """
-    free = np.ones(points.shape[1], dtype=bool)
-    depth = triangles[:, 2]
-    reach = (depth.max(axis=0, initial=-np.inf) > near) & (
-        depth.min(axis=0, initial=np.inf) < points[2].max(initial=-np.inf)
-    )
-    triangles = np.ascontiguousarray(triangles[..., reach])
-    if not points.size or not triangles.size:
-        return free
-    tangent = points[:2] / points[2]
-    planes = _Planes.of(triangles, np.abs(tangent).max(axis=1))
-    cells = _Cells.of(tangent)
-    at_once = max(1, _PAIRS // points.shape[1])
-    for first in range(0, triangles.shape[2], at_once):
-        point, triangle = cells.pairs(triangles[..., first : first + at_once], near)
-        hidden = planes.hide(first + triangle, points.take(point, axis=1), near)
-        free[point[hidden]] = False
-    return free
+    centres = in_camera_frame(table.centroids.take(columns, axis=1), camera_to_world)
+    before = np.flatnonzero(centres[2] > 0)
+    columns, centres = columns[before], centres[:, before]
+    normals = camera_to_world[:3, :3].T @ table.normals.take(columns, axis=1)
+    return CameraFaces(table.index.take(columns), centres[:, None], normals)
 
 
-@dataclass(frozen=True, eq=False)
-class _Planes:
-    """Of T triangles: their own planes n . x = d, and those through the eye and their edges.
+def corners_in_camera(model: Model, index: Indices, camera_to_world: Floats) -> Floats:
+    """Return the corners of some faces (n,) of a model: corner, coordinate, face, (3, 3, n).
 
-    Attributes
-    ----------
-    normal : (3, T) float64
-        Turned so that the eye lies at n . x <= d.
-    offset : (T,) float64
-        d; 0, with the normal, where the eye lies in the plane.
-    edges : (3, 3, T) float64
-        Coordinate, edge, triangle: no product is negative of a point within.
+    Coordinates are x right, y up, and depth along the optical axis, scene unit.
     """
-
-    normal: Floats
-    offset: Floats
-    edges: Floats
-
-    @classmethod
-    def of(cls, triangles: Floats, tangents: Floats) -> _Planes:
-        """Return the planes of triangles (3, 3, T) for points up to some tangents (2,)."""
-        sides = np.roll(triangles, -1, axis=0) - triangles
-        normal = np.cross(sides[0], sides[1], axis=0)
-        offset = np.sum(normal * triangles[0], axis=0)
-        side = np.sign(offset)
-        edges = np.moveaxis(np.cross(triangles, sides, axis=1), 1, 0) * side
-        x, y, z = np.abs(edges)
-        # a ray to where two triangles meet meets one of them at least
-        edges[2] += _BESIDE * (x * tangents[0] + y * tangents[1] + z)
-        return cls(normal * side, np.abs(offset), edges)
-
-    def hide(self, triangle: Indices, points: Floats, near: float) -> Bools:
-        """Return which triangles (n,) hide the points (3, n) beside them, (n,) bool."""
-        beyond = np.sum(self.normal.take(triangle, axis=1) * points, axis=0)
-        offset = self.offset.take(triangle)
-        hides: Bools = (beyond * (1 - _NEARER) > offset) & (near * beyond < offset * points[2])
-        some = np.flatnonzero(hides)
-        edges = self.edges.take(triangle[some], axis=2)
-        inside = np.sum(edges * points.take(some, axis=1)[:, None], axis=0).min(axis=0)
-        hides[some] = inside >= 0
-        return hides
+    faces: NDArray[np.integer] = model.faces[index]
+    vertices = model.vertices
+    if len(index) < model.n_faces // 4:  # else all are worth moving
+        used, faces = np.unique(faces, return_inverse=True)
+        vertices, faces = vertices[used], faces.reshape(-1, 3)
+    places = in_camera_frame(vertices.T, camera_to_world)
+    return np.moveaxis(places[:, faces.T], 0, 1)
 
 
-@dataclass(frozen=True, eq=False)
-class _Cells:
-    """P points in the cells of a square grid.
+def parts_in_camera(
+    table: FaceTable, model: Model, columns: Indices, camera_to_world: Floats, n: int
+) -> CameraFaces:
+    """Return some faces by the centres of mass of their n x n congruent parts before a camera.
 
-    Attributes
+    Parameters
     ----------
-    order : (P,) int
-        The points, row by row and cell by cell.
-    begin : (n * n + 1,) int
-        Where each cell's points begin in that order.
-    low, scale : (2, 1) float64
-        From tangents to cells.
+    table : FaceTable
+        Faces of the model in the world frame.
+    model : Model
+        The faces' corners.
+    columns : (K,) int
+        Which of the table.
+    camera_to_world : (4, 4) float64
+        The pose.
     n : int
-        Cells along a side.
+        Parts along a side.
     """
+    corners = corners_in_camera(model, table.index.take(columns), camera_to_world)
+    normals = camera_to_world[:3, :3].T @ table.normals.take(columns, axis=1)
+    parts = np.einsum("pk,kcn->cnp", part_weights(n), corners).reshape(3, 1, -1)
+    index = np.repeat(table.index.take(columns), n * n)
+    faces = CameraFaces(index, parts, np.repeat(normals, n * n, axis=1))
+    return faces[parts[2, 0] > 0]
 
-    order: Indices
-    begin: Indices
-    low: Floats
-    scale: Floats
-    n: int
 
-    @classmethod
-    def of(cls, tangent: Floats) -> _Cells:
-        """Return the cells of points (2, P) in the image plane at unit depth."""
-        n = max(1, math.isqrt(tangent.shape[1]))
-        low = tangent.min(axis=1, keepdims=True)
-        extent = np.ptp(tangent, axis=1, keepdims=True)
-        scale = n / np.where(extent > 0, extent, 1.0)
-        column, row = np.minimum(((tangent - low) * scale).astype(np.intp), n - 1)
-        cell = row * n + column
-        counts = np.bincount(cell, minlength=n * n)
-        return cls(
-            np.argsort(cell, kind="stable"), np.concatenate([[0], np.cumsum(counts)]), low, scale, n
-        )
-
-    def pairs(self, triangles: Floats, near: float) -> tuple[Indices, Indices]:
-        """Return points and the triangles (3, 3, T) whose boxes hold their cells, (n,) each."""
-        depth = triangles[:, 2]
-        is_before = depth.min(axis=0) > near
-        place = triangles[:, :2] / np.where(is_before, depth, 1.0)[:, None]
-        place = (place - self.low) * self.scale
-        margin = 1e-9 * (self.n + np.abs(place).max(axis=0))
-        low = np.where(is_before, place.min(axis=0) - margin, 0)
-        high = np.where(is_before, place.max(axis=0) + margin, self.n)
-        some = np.flatnonzero(np.all((high >= 0) & (low <= self.n), axis=0))
-        first, last = np.clip(np.stack([low, high]).take(some, axis=2), 0, self.n - 1).astype(int)
-        # points of one row that one triangle covers follow each other
-        rows = last[1] - first[1] + 1
-        of = np.repeat(np.arange(len(some)), rows)
-        row = _runs(first[1], rows)
-        begin = self.begin[row * self.n + first[0][of]]
-        number = self.begin[row * self.n + last[0][of] + 1] - begin
-        return self.order[_runs(begin, number)], np.repeat(some[of], number)
+def part_weights(n: int) -> Floats:
+    """Return the centres of mass of a triangle's n x n congruent parts, (n * n, 3) barycentric."""
+    v, u = np.divmod(np.arange(n * n), n)
+    uv = np.stack([u, v], axis=1).astype(float)
+    # parts of a parallelogram; the half beyond the face folds back into it
+    uv = np.where((u + v < n)[:, None], uv + 1 / 3, n - 1 - uv + 2 / 3) / n
+    return np.concatenate([1 - uv.sum(axis=1, keepdims=True), uv], axis=1)

@@ -252,17 +252,21 @@ def _uniforms(
     pose[:, :3, 3] -= origin
     projection = projection_matrix(guard * views.tan_half, views.clip_near, views.clip_far)
     scale = 2 * views.tan_half / np.asarray(resolution)
-    uniforms = {
+    limits = views.limits
+    uniforms: dict[str, Any] = {
         "world_to_clip": np.swapaxes(projection @ rigid_inverse(pose), 1, 2),  # columns first
         "eye": pose[:, :3, 3],
         "backwards": pose[:, :3, 2],
-        "pixel_to_tangent": np.concatenate([scale, -views.tan_half], axis=1),
         "clip_range": np.stack([views.clip_near, views.clip_far], axis=1),
-        "min_distance": views.min_distance,
-        "max_distance": views.max_distance,
-        "min_ray_cos": views.min_ray_cos,
-        "min_axis_cos": views.min_axis_cos,
     }
+    constant = {
+        "pixel_to_tangent": np.concatenate([scale, -views.tan_half]),
+        "min_distance": limits.min_distance,
+        "max_distance": limits.max_distance,
+        "min_ray_cos": limits.min_ray_cos,
+        "min_axis_cos": limits.min_axis_cos,
+    }
+    uniforms |= {name: [value] * len(views) for name, value in constant.items()}
     return {
         name: np.ascontiguousarray(rows, dtype=np.float32)
         for name, rows in uniforms.items()

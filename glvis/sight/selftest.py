@@ -11,14 +11,18 @@ from functools import cache
 
 import numpy as np
 
-from glvis.camera import camera_to_world
+from glvis.camera import Intrinsics, camera_to_world
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
-from glvis.sight.caster import Caster, has_compute
+from glvis.inputs.sensor import Sensor
+from glvis.sight.batch import Question
+from glvis.sight.cast import Caster, has_compute
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_info
-from glvis.sight.culling import Culling
-from glvis.sight.points import Large, Question
+from glvis.sight.culling import cull
+from glvis.sight.filters import Limits
+from glvis.sight.gpu_scene import GpuScene
+from glvis.sight.points import Large
 from glvis.sight.renderer import Renderer, Selection, depth_along_axis
 from glvis.sight.surface import Surface
 from glvis.sight.views import Views
@@ -67,11 +71,10 @@ def check_driver() -> None:
 
 
 def _view() -> Views:
-    """Return who looks at the scenes here."""
-    return Views(
-        camera_to_world([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0)),
-        *(np.array(value, dtype=float) for value in ([[0.5, 0.5]], [1], [10], [2], [9], [0], [-2])),
-    )
+    """Return the view of the scenes here: straight down, 8 x 8 units wide at the wall."""
+    sensor = Sensor("self-test", Intrinsics.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
+    pose = camera_to_world([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0))
+    return Views(pose, sensor, Limits((0.5, 0.5), 2.0, 9.0), np.array([1.0]), np.array([10.0]))
 
 
 def _wall_grid(cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -98,22 +101,16 @@ def _grid(corner: np.ndarray, cell: np.ndarray, cells: tuple[int, int], z: float
 
 def _cast(cells: tuple[int, int], large: Large | None, grid: int) -> np.ndarray:
     """Return which faces of the wall a Caster sees beside the plate."""
-    models = [
-        _grid(*_wall_grid(cells), cells, -8.0),
-        _grid(np.array([0.0, -2.0]), np.array([2.0, 4.0]), (1, 1), -4.0),
-    ]
-    surfaces = [Surface(Clusters.of(model), np.zeros(3), k == 0) for k, model in enumerate(models)]
-    caster = Caster()
+    wall = _grid(*_wall_grid(cells), cells, -8.0)
+    plate = _grid(np.array([0.0, -2.0]), np.array([2.0, 4.0]), (1, 1), -4.0)
+    scene, caster, view = GpuScene([wall], [plate], np.zeros(3)), Caster(), _view()
     try:
-        question = Question(surfaces[0], surfaces, (grid, grid), large)
-        view = _view()
-        chosen = Culling(surfaces).chosen(view)
-        found = caster.visible(view, question, chosen, np.zeros(3))
+        question = Question(scene, scene.targets[0], (grid, grid), large)
+        found = caster.answer(question, view, cull(scene, view))
         return np.zeros(0) if found is None else found[0]
     finally:
         caster.release()
-        for surface in surfaces:
-            surface.release()
+        scene.release()
 
 
 def _on_wall(cells: tuple[int, int], large: Large | None) -> np.ndarray:

@@ -6,7 +6,6 @@ scene, so that what is worked out here is worked out once for all of them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +14,8 @@ from numpy.typing import NDArray
 
 from glvis.camera import rigid_inverse
 from glvis.inputs.sensor import Sensor
+from glvis.sight.filters import Limits
+from glvis.sight.visibility import VisibilityOptions
 
 Floats = NDArray[np.float64]
 
@@ -26,35 +27,29 @@ _MARGIN = 1.001  # against rounding, around the clip planes
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """N cameras, ready to draw.
+    """N poses of one sensor, ready to draw.
 
     Attributes
     ----------
     camera_to_world : (N, 4, 4) float64
         Poses.
-    tan_half : (N, 2) float64
-        Tangents of the half opening angles.
+    sensor : Sensor
+        Whose.
+    limits : Limits
+        What its filters hold faces against.
     clip_near, clip_far : (N,) float64
         Clip planes, beyond both ends of what can show.
-    min_distance, max_distance : (N,) float64
-        Working range, the paper's minD and maxD.
-    min_ray_cos, min_axis_cos : (N,) float64
-        Cosine of the largest incidence by the true ray, 0 for any, and by the optical axis,
-        -2 for any.
     """
 
     camera_to_world: Floats
-    tan_half: Floats
+    sensor: Sensor
+    limits: Limits
     clip_near: Floats
     clip_far: Floats
-    min_distance: Floats
-    max_distance: Floats
-    min_ray_cos: Floats
-    min_axis_cos: Floats
 
     @classmethod
     def of(
-        cls, camera_to_world: Floats, sensor: Sensor, corners: Floats, *, by_axis: bool = False
+        cls, camera_to_world: Floats, sensor: Sensor, corners: Floats, options: VisibilityOptions
     ) -> Views:
         """Return the views of a sensor at some poses.
 
@@ -66,10 +61,9 @@ class Views:
             The model of all N.
         corners : (K, 3) float64
             Of boxes that hold the whole scene.
-        by_axis : bool
-            Whether the incidence is measured to the optical axis.
+        options : VisibilityOptions
+            What counts as visible.
         """
-        n = len(camera_to_world)
         backwards = camera_to_world[:, :3, 2]
         eye = np.sum(backwards * camera_to_world[:, :3, 3], axis=1)
         # of the boxes; summed row by row, so that it does not depend on the others
@@ -78,20 +72,26 @@ class Views:
         most = sensor.max_distance
         clip_far = np.minimum(np.maximum(depth.max(axis=1), most), _FARTHEST * most)
         clip_near = np.minimum(np.maximum(depth.min(axis=1), NEAREST * most), clip_far / 2)
-        min_cos = math.cos(sensor.max_incidence)
         return cls(
             camera_to_world,
-            np.tile(sensor.intrinsics.tan_half, (n, 1)),
+            sensor,
+            Limits.of(sensor, options),
             clip_near / _MARGIN,
             clip_far * _MARGIN,
-            np.full(n, sensor.min_distance),
-            np.full(n, most),
-            np.full(n, 0.0 if by_axis else min_cos),
-            np.full(n, min_cos if by_axis else -2.0),
         )
 
     def __len__(self) -> int:
         return len(self.camera_to_world)
+
+    @property
+    def near(self) -> float:
+        """Depth before which nothing hides, scene unit."""
+        return NEAREST * self.limits.max_distance
+
+    @property
+    def tan_half(self) -> Floats:
+        """Tangents of the half opening angles, (2,)."""
+        return np.array(self.limits.tan_half)
 
     @property
     def eye(self) -> Floats:
@@ -111,9 +111,9 @@ class Views:
         length = np.sqrt(1 + tan**2)
         for axis in range(2):  # x >= -tan depth, x <= tan depth, where depth is -z
             first = 2 * axis
-            planes[:, first, axis] = 1 / length[:, axis]
-            planes[:, first + 1, axis] = -1 / length[:, axis]
-            planes[:, first : first + 2, 2] = (-tan / length)[:, axis : axis + 1]
+            planes[:, first, axis] = 1 / length[axis]
+            planes[:, first + 1, axis] = -1 / length[axis]
+            planes[:, first : first + 2, 2] = -tan[axis] / length[axis]
         planes[:, 4, 2] = 1.0  # z >= -maxD
-        planes[:, 4, 3] = self.max_distance
+        planes[:, 4, 3] = self.limits.max_distance
         return planes @ self.world_to_camera

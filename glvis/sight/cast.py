@@ -13,19 +13,22 @@ centre is not free.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.sight.batch import GROUP, VIEW, Batch, Closer, LargeFaces, ViewList, tiles
+from glvis.inputs.sensor import Sensor
+from glvis.sight.batch import GROUP, VIEW, Batch, Closer, LargeFaces, Question, ViewList, tiles
 from glvis.sight.clusters import Clusters
 from glvis.sight.context import gl_context
-from glvis.sight.culling import Chosen
-from glvis.sight.points import Question
+from glvis.sight.culling import Culled
+from glvis.sight.gpu_scene import GpuScene
+from glvis.sight.points import grid_size, large_faces
 from glvis.sight.surface import Surface, compiled_compute, texture_of
+from glvis.sight.trace import visible_of
 from glvis.sight.views import Views
+from glvis.sight.visibility import VisibilityOptions
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -72,6 +75,7 @@ class Caster:
     def __init__(self) -> None:
         self._buffers: dict[str, Any] = {}
         self._textures: dict[tuple[str, int], Any] = {}  # by width, too: models take turns
+        self._grids: dict[tuple[Surface, Sensor], tuple[int, int]] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -81,24 +85,36 @@ class Caster:
         self._textures.clear()
 
     def visible(
-        self, views: Views, question: Question, chosen: Mapping[Surface, Chosen], origin: Floats
-    ) -> Bools | None:
-        """Return which faces each view sees, (N, F) bool; None where the driver gave up on a face.
+        self, scene: GpuScene, views: Views, culled: Culled, options: VisibilityOptions
+    ) -> list[Bools]:
+        """Return which faces of each model views see, (N, F) bool each.
 
-        llvmpipe does where a face covers too many cells or points. Then NumPy must find it.
+        llvmpipe gives up on a face that covers too many cells or points; then NumPy decides.
 
         Parameters
         ----------
+        scene : GpuScene
+            Models and what hides them.
         views : Views
-            N cameras.
-        question : Question
-            Of which surface, what hides it, and which of its points count.
-        chosen : mapping
-            What the views keep of these surfaces.
-        origin : (3,) float64
-            As the surfaces were made with.
+            N poses of a sensor.
+        culled : Culled
+            What they keep of the scene.
+        options : VisibilityOptions
+            What counts as visible; occlusion is "physical".
         """
-        clusters = question.targets.clusters
+        found = []
+        for target in scene.targets:
+            grid = self._grid(target, views.sensor)
+            question = Question(scene, target, grid, large_faces(options))
+            visible = self.answer(question, views, culled)
+            if visible is None:
+                visible = visible_of(scene, target, views, culled, options)
+            found.append(visible)
+        return found
+
+    def answer(self, question: Question, views: Views, culled: Culled) -> Bools | None:
+        """Return which faces of one model views see, (N, F); None where the driver gave up."""
+        clusters = question.target.clusters
         visible = np.zeros((len(views), clusters.model.n_faces), dtype=bool)
         width, height = question.grid
         at_once = min(
@@ -109,16 +125,21 @@ class Caster:
         at_once = max(1, at_once) if len(clusters) else len(views) + 1
         for first in range(0, len(views), at_once):
             some = slice(first, first + at_once)
-            batch = Batch.of(views, some, question, chosen, origin)
+            batch = Batch.of(views, some, question, culled)
             if not self._see(batch, views.camera_to_world[some], visible[some]):
                 return None
         return visible
+
+    def _grid(self, target: Surface, sensor: Sensor) -> tuple[int, int]:
+        if (target, sensor) not in self._grids:
+            self._grids[target, sensor] = grid_size(sensor, target.clusters.model)
+        return self._grids[target, sensor]
 
     def _see(self, batch: Batch, poses: Floats, visible: Bools) -> bool:
         """Mark what the views of a batch see, in place, (n, F) bool; return if all is found."""
         if not batch.asked.rows["n_listed"].any():
             return True
-        clusters = batch.question.targets.clusters
+        clusters = batch.question.target.clusters
         n_records = len(visible) * len(clusters.order)
         self._bind(batch, n_records)
         listed = batch.asked.rows["n_listed"]
@@ -153,7 +174,7 @@ class Caster:
         """Find what is hidden of the points that some views (n,) bool have asked about."""
         context = gl_context()
         context.memory_barrier()
-        for surface, occluders in zip(batch.question.hiding, batch.hiding, strict=True):
+        for surface, occluders in zip(batch.question.occluders, batch.hiding, strict=True):
             surface.use_boxes(_BOXES)
             surface.use_packed(_FACES)
             listed = np.where(asks, occluders.rows["n_listed"], 0)
@@ -213,9 +234,8 @@ class Caster:
         self._clear("heads", _HEADS, _HEADS_OUT, (width, n * height))
         across, up = tiles(batch.question.grid)
         self._clear("tiles", _TILES, _TILES_OUT, (across, n * up))
-        targets = batch.question.targets
-        targets.use_packed(_FACES)
-        targets.use_centres(_CENTRES)
+        batch.question.target.use_packed(_FACES)
+        batch.question.target.use_centres(_CENTRES)
 
     def _found(self, first: int, number: int) -> tuple[Words, Words]:
         """Return what some records, all in all, were found to be.
