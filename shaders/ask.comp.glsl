@@ -15,6 +15,7 @@
 // Else it is each face's own centre of mass.
 layout(local_size_x = 64) in;
 #include "view.glsl"
+#include "filters.glsl"
 #ifdef PARTS
 #include "corners.glsl"
 #endif
@@ -34,10 +35,10 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own, float edge
     vec2 at = place.xy / place.z + 0.5 * vec2(size);
     vec3 back = eye.xyz - point;
     float towards = dot(normal, back);
-    bool passes = place.z >= working_range.x && place.z <= working_range.y;
-    passes = passes && all(greaterThanEqual(at, vec2(0.0))) && all(lessThanEqual(at, vec2(size)));
-    bool faces = towards > 0.0 && dot(normal, backwards.xyz) >= backwards.w;
-    passes = passes && faces && towards * towards >= min_ray_cos * min_ray_cos * dot(back, back);
+    bool faces = crop_back(towards) && crop_norm_by_axis(dot(normal, backwards.xyz), backwards.w);
+    bool passes = crop_near(place.z, working_range.x) && faces
+        && crop_fov(at, vec2(size), place.z, working_range.y)
+        && crop_norm_by_ray(towards, dot(back, back), min_ray_cos);
     mat3 to_grid = transpose(mat3(world_to_grid));
     vec2 scale = vec2(length(to_grid[0]), length(to_grid[1])), half_size = 0.5 * vec2(size);
     vec2 reach = half_size * place.z + edge * (scale + half_size);

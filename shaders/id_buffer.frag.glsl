@@ -6,6 +6,7 @@
 //                   EVEN_DEPTH is defined, along the optical axis as a share of clip_range:
 //                   OpenGL's own tells far things apart badly if the range begins very near
 // REFUSED_HIDE is defined where back and too oblique faces hide what lies behind them.
+#include "filters.glsl"
 flat in uint id;
 flat in float height;
 
@@ -24,12 +25,12 @@ out uint face_id;
 void main() {
     float depth = 1.0 / gl_FragCoord.w;
     vec2 tangent = gl_FragCoord.xy * pixel_to_tangent.xy + pixel_to_tangent.zw;
-    float distance_to_eye = depth * sqrt(1.0 + dot(tangent, tangent));
-    bool faces = height > 0.0 && height >= min_ray_cos * distance_to_eye;
+    float distance_squared = depth * depth * (1.0 + dot(tangent, tangent));
+    bool faces = crop_back(height) && crop_norm_by_ray(height, distance_squared, min_ray_cos);
 #ifndef REFUSED_HIDE
     if (!faces && id != 0u) discard;
 #endif
-    bool in_range = depth >= min_distance && depth <= max_distance;
+    bool in_range = crop_near(depth, min_distance) && crop_far(depth, max_distance);
     face_id = faces && in_range ? id : 0u;
 #ifdef EVEN_DEPTH
     gl_FragDepth = (depth * (1.0 + back) - clip_range.x) / (clip_range.y - clip_range.x);

@@ -6,6 +6,7 @@
 // out: id         as face_id
 //      height     distance of the eye above the face's plane, scene unit; negative behind it,
 //                 and where the incidence by the optical axis is too large
+#include "filters.glsl"
 in vec3 position;
 in uint face_id;
 in vec3 normal;
@@ -23,5 +24,6 @@ flat out float height;
 void main() {
     gl_Position = world_to_clip * vec4(position, 1.0);
     id = face_id;
-    height = dot(normal, backwards) >= min_axis_cos ? dot(normal, eye - position) : -1.0;
+    bool faces = crop_norm_by_axis(dot(normal, backwards), min_axis_cos);
+    height = faces ? dot(normal, eye - position) : -1.0;
 }

@@ -10,14 +10,13 @@ from sight import DOWN, looking, random_poses, seen, sensor
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
 from glvis.inputs.scene import Model
-from glvis.sight import batch, points, selftest, surface
+from glvis.sight import batch, cast, points, selftest, surface
 from glvis.sight.cast import Caster
+from glvis.sight.culling import cull
 from glvis.sight.maps import LocalMaps, MapJob, MapScene
 from glvis.sight.visibility import VisibilityOptions
 
-pytestmark = pytest.mark.skipif(
-    not caster.has_compute(), reason="this driver has no compute shaders"
-)
+pytestmark = pytest.mark.skipif(not cast.has_compute(), reason="this driver has no compute shaders")
 
 OPTIONS = [
     {"criterion": criterion, "incidence": incidence}
@@ -89,7 +88,7 @@ def test_maps_are_those_of_numpy(options):
 @pytest.mark.parametrize(("name", "value"), [("_MOST_RECORDS", 3000), ("_MOST_CELLS", 10_000)])
 def test_views_that_do_not_fit_at_once_are_seen_in_turn(name, value, options, monkeypatch):
     whole, numbers, bind = visible(1, **options), [], Caster._see
-    monkeypatch.setattr(caster, name, value)
+    monkeypatch.setattr(cast, name, value)
     monkeypatch.setattr(
         Caster, "_see", lambda self, *rest: numbers.append(len(rest[1])) or bind(self, *rest)
     )
@@ -162,11 +161,11 @@ def test_where_the_driver_gives_up_numpy_makes_the_same_map(options, monkeypatch
 
     assert selftest.can_cast()  # before the driver gives up
     with monkeypatch.context() as patch:
-        patch.setattr("glvis.sight.looking.Mapper.visible", no_numpy)
+        patch.setattr("glvis.sight.cast.visible_of", no_numpy)
         cast = made()
     monkeypatch.setattr(Caster, "_has_finished", lambda self: False)
     with pytest.raises(AssertionError, match="NumPy"), monkeypatch.context() as patch:
-        patch.setattr("glvis.sight.looking.Mapper.visible", no_numpy)
+        patch.setattr("glvis.sight.cast.visible_of", no_numpy)
         made()
     assert cast.any() and np.array_equal(cast, made())
 
@@ -175,12 +174,12 @@ def test_a_loop_that_is_cut_short_is_reported(shaders):
     shaders("if (y > to.y) break;", "break;")
     body, obstacle, poses = scene(0)
     with looking(body, [obstacle], casts=True) as made:
-        views, question, tracer = made.views(poses, DEVICE), made.question(DEVICE), Caster()
+        views, caster = made.views(poses, DEVICE), Caster()
         try:
-            chosen = made.culling.chosen(views)
-            assert tracer.visible(views, question, chosen, made.origin) is None
+            culled = cull(made.scene, views)
+            assert caster.answer(made.question(DEVICE), views, culled) is None
         finally:
-            tracer.release()
+            caster.release()
 
 
 @pytest.mark.parametrize("options", OPTIONS[::2], ids=lambda o: "-".join(o.values()))
@@ -207,21 +206,21 @@ def test_an_obstacle_without_area_hides_nothing():
 
 def test_what_was_asked_before_leaves_nothing_behind():
     body, obstacle, poses = scene(0)
-    tracer = Caster()
+    caster = Caster()
     with looking(body, [obstacle], casts=True) as made:
 
         def asked(some):
             views = made.views(some, DEVICE)
-            chosen = made.culling.chosen(views)
-            return tracer.visible(views, made.question(DEVICE), chosen, made.origin)
+            culled = cull(made.scene, views)
+            return caster.visible(made.scene, views, culled, made.options)[0]
 
         alone = asked(poses[:1])
         asked(poses)
         assert alone.any() and np.array_equal(alone, asked(poses[:1]))
-        tracer.release()
+        caster.release()
         assert np.array_equal(alone, asked(poses[:1]))
-    tracer.release()
-    tracer.release()
+    caster.release()
+    caster.release()
 
 
 def test_the_shaders_are_told_what_they_read():
@@ -249,7 +248,7 @@ def test_the_shaders_are_told_what_they_read():
         ("&& beyond > d", "&& beyond < d"),
         ("if (hides) break;", "hides = false;"),  # keep
         ("(passes ? own + 1u : 0u)", "(passes ? record + 1u : 0u)"),
-        ("towards > 0.0", "towards < 0.0"),
+        ("crop_back(towards)", "!crop_back(towards)"),
     ],
 )
 def test_a_driver_that_casts_wrongly_is_not_trusted_with_it(text, wrong, shaders):

@@ -8,6 +8,7 @@ from sight import looking, random_poses, sensor
 from glvis.camera import camera_to_world
 from glvis.inputs.scene import Model
 from glvis.sight.clusters import Clusters
+from glvis.sight.culling import clusters_in_frustum, cull, most_height
 from glvis.sight.renderer import Renderer, Selection
 
 
@@ -61,9 +62,9 @@ def test_culling_never_changes_an_id_image(body, seed, occlusion):
     )
     with looking(shape, occlusion=occlusion, resolution=(96, 72)) as made:
         views = made.views(poses, sensor(hfov_deg=70, vfov_deg=50, far=3.5))
-        culled, candidates = made.culling.chosen(views)[made.surface]
-        if occlusion == "paper":
-            culled = Selection(made.surface, candidates)
+        left = cull(made.scene, views)
+        mask = left.countable if occlusion == "paper" else left.occludes
+        culled = Selection(made.surface, mask)
         everything = Selection(made.surface, np.ones_like(culled.mask))
         hide = occlusion == "physical"
         pictured = pictures(made, views, culled, hide)
@@ -79,35 +80,37 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
     device = sensor(hfov_deg=50, vfov_deg=30, far=3.0, max_incidence_deg=60)
     with looking(shape) as made:
         views = made.views(poses, device)
-        chosen = made.culling.chosen(views)[made.surface]
+        culled = cull(made.scene, views)
         clusters = made.surface.clusters
         faces = clusters.order.reshape(-1, clusters.size)
         model = clusters.model
         towards = (views.eye[:, None] - model.centroids) * model.normals
         is_front = towards.sum(axis=2) > 0
-        height = made.culling.most_height(views.eye)
+        height = most_height(made.scene, views.eye)
         assert not (is_front[:, faces].any(axis=2) & (height < 0)).any()
         corners = model.vertices[model.faces]
         points = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=2)
         inside = np.einsum("nkd,fcd->nfck", views.planes, points) >= 0
         shows = inside.all(axis=3).any(axis=2)
-        assert not (shows[:, faces].any(axis=2) & ~made.culling.in_frustum(views.planes)).any()
+        assert not (
+            shows[:, faces].any(axis=2) & ~clusters_in_frustum(made.scene, views.planes)
+        ).any()
         # every corner's ray, for a pixel may show any part of a face
         rays = views.eye[:, None, None] - corners
         cosine = np.sum(rays * model.normals[:, None], axis=3) / np.linalg.norm(rays, axis=3)
         counts = shows & (cosine.max(axis=2) >= 0.5)
-        assert not (counts[:, faces].any(axis=2) & ~chosen.candidates).any()
+        assert not (counts[:, faces].any(axis=2) & ~culled.countable).any()
 
 
 def test_clusters_that_are_too_oblique_are_no_candidates():
     device = sensor(far=30, max_incidence_deg=30)
     pose = camera_to_world([0, 0, 20], [0, 0, -1], up=(0, 1, 0))[None]
     with looking(shapes.icosphere(5)) as made:
-        chosen = made.culling.chosen(made.views(pose, device))[made.surface]
+        culled = cull(made.scene, made.views(pose, device))
         # seen from 20 radii, 30 degrees of incidence are 28.6 at the middle of a sphere, and
         # (1 - cos 28.6) / 2 = 0.061 of it; about half faces the eye
-        assert 0.061 < chosen.candidates.mean() < 0.15
-        assert chosen.to_draw.mask.mean() > 0.45
+        assert 0.061 < culled.countable.mean() < 0.15
+        assert culled.occludes.mean() > 0.45
 
 
 def test_every_face_with_area_is_in_one_cluster(rng):

@@ -6,9 +6,11 @@ import shapes
 from sight import sensor
 
 from glvis.inputs.scene import Model
-from glvis.sight import points
+from glvis.sight import occlusion, points
 from glvis.sight.clusters import Clusters
-from glvis.sight.points import Large, beside, grid_size, reaches, spans, unhidden
+from glvis.sight.filters import may_pass
+from glvis.sight.occlusion import unhidden
+from glvis.sight.points import Large, beside, grid_size, spans
 
 NEAR = 0.01
 # The frame here: x right, y up, and depth; a triangle is three corners.
@@ -117,7 +119,7 @@ def test_many_pairs_are_tested_in_parts(rng, monkeypatch):
     triangles = columns(shapes.corners(shapes.soup(rng, 60, 0.4, 2.0)))
     some = rng.uniform([-2, -2, 0.1], [2, 2, 4], size=(150, 3)).T
     whole = unhidden(some, triangles, NEAR)
-    monkeypatch.setattr(points, "_PAIRS", 7)
+    monkeypatch.setattr(occlusion, "_PAIRS", 7)
     assert np.array_equal(whole, unhidden(some, triangles, NEAR))
 
 
@@ -180,7 +182,7 @@ def test_a_face_before_near_spans_everything():
     ],
 )
 def test_a_face_reaches_the_image_and_the_range_or_not(triangle, expected):
-    found = reaches(columns(triangle), np.ones((2, 1)), np.array([[1.0], [8.0]]))
+    found = may_pass(columns(triangle), np.ones((2, 1)), np.array([[1.0], [8.0]]))
     assert found.tolist() == [expected]
 
 
@@ -191,7 +193,7 @@ def test_no_face_with_a_point_in_the_image_is_said_to_miss_it(seed):
     weights = rng.dirichlet(np.ones(3), size=200)
     x, y, depth = np.moveaxis(np.einsum("pk,tkx->tpx", weights, triangles), 2, 0)
     inside = (np.abs(x) <= 0.5 * depth) & (np.abs(y) <= 0.3 * depth) & (depth >= 1) & (depth <= 4)
-    found = reaches(columns(triangles), np.array([[0.5], [0.3]]), np.array([[1.0], [4.0]]))
+    found = may_pass(columns(triangles), np.array([[0.5], [0.3]]), np.array([[1.0], [4.0]]))
     assert inside.any() and found[inside.any(axis=1)].all()
     assert found.mean() < 0.5
 

@@ -5,13 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapes
-from sight import DOWN, looking, random_poses
+from sight import DOWN, looking, random_poses, sensor
 
 from glvis.camera import camera_to_world
 from glvis.errors import MachineError
 from glvis.sight import renderer as r
 from glvis.sight import selftest, surface
 from glvis.sight.context import gl_context, gl_info
+from glvis.sight.filters import Limits
 from glvis.sight.views import Views
 
 
@@ -25,11 +26,8 @@ def _no_gl_error():
 def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_distance=50.0):
     poses = np.asarray(poses).reshape(-1, 4, 4)
     n = len(poses)
-    return Views(
-        poses,
-        np.full((n, 2), tan),
-        *(np.full(n, value) for value in (near, far, min_distance, max_distance, 0.0, -2.0)),
-    )
+    limits = Limits((tan, tan), min_distance, max_distance)
+    return Views(poses, sensor(), limits, np.full(n, near), np.full(n, far))
 
 
 def ids(shape, poses=DOWN, size=(4, 4), *, tiles=1, refused_hide=True, **view):

@@ -34,7 +34,6 @@ try:
     import kinds
     import numpy as np
     import verdicts
-    from glvis.sight.caster import has_compute
     from measuring import (
         SHARED,
         Embree,
@@ -50,6 +49,7 @@ try:
 
     import glvis.sight.context as gl
     from glvis.errors import MachineError
+    from glvis.sight.cast import has_compute
     from glvis.sight.maps import LocalMaps, MapJob, MapScene
     from glvis.sight.selftest import can_cast, check_driver
     from glvis.sight.visibility import VisibilityOptions

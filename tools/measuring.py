@@ -32,19 +32,19 @@ TABLE_8 = {
 
 # Where the time of maps goes: module, class or "", what is called, and the step that it is. Who is
 # not there any more has no row.
-_CASTER, _MAPPER, _RENDERER = (f"glvis.sight.{name}" for name in ("caster", "mapper", "renderer"))
+_CAST, _DRAW, _MAPS = (f"glvis.sight.{name}" for name in ("cast", "draw", "maps"))
 _STEPS: tuple[tuple[str, str, str, str], ...] = (
-    ("glvis.sight.culling", "Culling", "chosen", "culling, NumPy"),
-    (_CASTER, "Caster", "visible", "lists and marking, NumPy"),
-    (_CASTER, "Caster", "_bind", "upload"),
-    (_CASTER, "Caster", "_run", "GPU: {1}"),  # by the name of the pass
-    (_CASTER, "Caster", "_hide", "GPU: hide"),
-    (_CASTER, "Caster", "_free", "read-back"),
-    (_MAPPER, "Mapper", "_by_pixels", "GPU: draw"),
-    (_RENDERER, "Renderer", "_read_ids", "read-back"),
-    (_MAPPER, "", "pixels_of_faces", "marking, NumPy"),
+    (_MAPS, "", "cull", "culling, NumPy"),
+    (_CAST, "Caster", "answer", "lists and marking, NumPy"),
+    (_CAST, "Caster", "_bind", "upload"),
+    (_CAST, "Caster", "_run", "GPU: {1}"),  # by the name of the pass
+    (_CAST, "Caster", "_hide", "GPU: hide"),
+    (_CAST, "Caster", "_found", "read-back"),
+    (_DRAW, "Drawer", "visible", "GPU: draw"),
+    ("glvis.sight.renderer", "Renderer", "_read_ids", "read-back"),
+    (_DRAW, "", "pixels_of_faces", "marking, NumPy"),
     ("glvis.sight.coincident", "Coincident", "pixels_shared", "marking, NumPy"),
-    (_MAPPER, "Mapper", "_by_points", "points, NumPy"),
+    ("glvis.sight.trace", "", "visible", "points, NumPy"),
 )
 
 

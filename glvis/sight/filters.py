@@ -27,7 +27,7 @@ Bools = NDArray[np.bool_]
 
 # CropBack by the paper's rules: back faces are tolerated up to 20 degrees past edge on.
 _BACK_TOLERANCE = math.radians(20)
-_ANY_RAY, _ANY_AXIS = 0.0, -2.0  # cosines that refuse nothing
+_ANY_FRONT, _ANY = 0.0, -2.0  # cosines that refuse no face that looks here, and none at all
 
 
 class Refusal(IntEnum):
@@ -52,7 +52,7 @@ class Limits:
     min_distance, max_distance : float
         minD and maxD, depth along the optical axis, scene unit.
     min_ray_cos : float
-        Cosine of the largest incidence by the true ray; 0: any.
+        Cosine of the largest incidence by the true ray; 0: any up to edge on, -2: any.
     min_axis_cos : float
         Cosine of the largest incidence by the optical axis; -2: any.
     tolerates_backs : bool
@@ -62,8 +62,8 @@ class Limits:
     tan_half: tuple[float, float]
     min_distance: float
     max_distance: float
-    min_ray_cos: float = _ANY_RAY
-    min_axis_cos: float = _ANY_AXIS
+    min_ray_cos: float = _ANY_FRONT
+    min_axis_cos: float = _ANY
     tolerates_backs: bool = False
 
     @classmethod
@@ -82,8 +82,8 @@ class Limits:
             (tan_x, tan_y),
             sensor.min_distance,
             sensor.max_distance,
-            _ANY_RAY if by_axis else min_cos,
-            min_cos if by_axis and not is_off else _ANY_AXIS,
+            (_ANY if by_paper else _ANY_FRONT) if by_axis else min_cos,
+            min_cos if by_axis and not is_off else _ANY,
             by_paper,
         )
 
