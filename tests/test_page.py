@@ -15,7 +15,9 @@ from browser import Browser, find_chromium
 
 from glvis.camera import Intrinsics, camera_to_world, projection_matrix, rigid_inverse
 from glvis.drawing.palette import UNSEEN_COLOR, sensor_colors
-from glvis.inputs.scene import load_model
+from glvis.inputs.scene import Model, load_model
+from glvis.sight.filters import Limits, faces_in_camera, refusal
+from glvis.sight.visibility import VisibilityOptions
 from glvis.viewer.page import (
     PageData,
     PageModel,
@@ -321,13 +323,25 @@ def test_reasons_for_not_seeing_are_those_of_the_geometry(browser, tmp_path):
         PageSensor(why, "cam", camera_to_world(middle + at, d), TAN, 100, 400, np.radians(70))
         for why, (at, d) in cases.items()
     ]
-    data = example(models=[PageModel("flat", vertices, faces, nobody)], sensors=sensors)
+    model = Model.from_arrays("flat", vertices, faces)
+    options = VisibilityOptions()
+    refusals = [
+        refusal(
+            faces_in_camera(model, one.camera_to_world, options),
+            Limits(tuple(one.tan_half), one.min_distance, one.max_distance, np.cos(np.radians(70))),
+        )
+        for one in sensors
+    ]
+    told = PageModel("flat", vertices, faces, nobody, refusals=refusals)
+    data = example(models=[told, PageModel("wavy", vertices, faces, nobody)], sensors=sensors)
     here = np.abs(vertices[faces].mean(axis=1) - middle).sum(axis=1).argmin()
     path = tmp_path / "reasons.html"
     write_page(path, data)
     browser.open(path)
     readings = browser.run(f"glvis.read({here})")
     assert [r["why"] for r in readings] == list(cases)
+    browser.run("glvis.setModel(1)")
+    assert {r["why"] for r in browser.run(f"glvis.read({here})")} == {"not seen"}
 
 
 def test_faces_have_the_color_of_their_sensor_and_unseen_ones_are_loud(tab):

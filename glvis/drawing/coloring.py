@@ -25,7 +25,8 @@ from glvis.drawing.places import length_words, number
 from glvis.inputs.pieces import noun_of_shares, share_of
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight.visibility import VisibilityMap
+from glvis.sight.filters import incidence_cos
+from glvis.sight.visibility import VisibilityMap, VisibilityOptions
 
 Floats = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -135,13 +136,9 @@ class Seen:
 
     def incidence(self, s: int) -> Floats:
         """Return the angle between each face's normal and the way to sensor ``s``, (F,) rad."""
-        pose = self.camera_to_world[s]
-        if self.by_axis:
-            cos = self.model.normals @ pose[:3, 2]
-        else:
-            back = pose[:3, 3] - self.model.centroids
-            cos = np.sum(self.model.normals * back, axis=1)
-            cos /= np.maximum(np.linalg.norm(back, axis=1), 1e-300)
+        options = VisibilityOptions(incidence="axis" if self.by_axis else "ray")
+        normals, points = self.model.normals, self.model.centroids
+        cos = incidence_cos(normals, points, self.camera_to_world[s], options)
         return np.arccos(np.clip(cos, -1, 1))
 
     def depth(self, s: int) -> Floats:

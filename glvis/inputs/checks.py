@@ -17,6 +17,8 @@ from glvis.inputs.scene import Model
 from glvis.inputs.study import Study
 from glvis.inputs.units import MM_PER_UNIT, guess_words, mm_per_own_unit, own_scale, unit_guess
 from glvis.inputs.winding import Winding, is_in_solid, winding
+from glvis.sight.filters import may_pass
+from glvis.sight.points import corners_in_camera
 
 _SAMPLE = 20_000  # faces or vertices a model, enough to say where it lies
 # Sizes of a model, in longest working ranges, beyond which the unit is in doubt.
@@ -204,23 +206,12 @@ def _blind(poses: Array, study: Study) -> list[str]:
     """Return the sensors that have nothing in view and range at the start."""
     is_blind = np.ones(len(poses), dtype=bool)
     for model in study.models:
-        faces = model.faces[:: -(-model.n_faces // _SAMPLE)]
-        corners = model.vertices[faces]
+        sampled = np.arange(0, model.n_faces, -(-model.n_faces // _SAMPLE))
         for index, sensor in enumerate(study.sensors):
-            points = _in_camera(corners, poses[index])
-            depth = -points[..., 2]
-            edge = sensor.intrinsics.tan_half * depth[..., None]
-            # How far each corner lies outside of each plane; a face that has all its corners
-            # outside of one plane is out of view, however large it is.
-            outside = np.stack(
-                [
-                    sensor.min_distance - depth,
-                    depth - sensor.max_distance,
-                    *np.moveaxis(points[..., :2] - edge, -1, 0),
-                    *np.moveaxis(-points[..., :2] - edge, -1, 0),
-                ]
-            )
-            is_blind[index] &= bool((outside > 0).all(axis=-1).any(axis=0).all())
+            corners = corners_in_camera(model, sampled, poses[index])
+            tan_half = sensor.intrinsics.tan_half[:, None]
+            working_range = [[sensor.min_distance], [sensor.max_distance]]
+            is_blind[index] &= not may_pass(corners, tan_half, working_range).any()
     if is_blind.all():
         return ["at the start no sensor has any part of a model in view and range"]
     blind = [name for name, alone in zip(study.sensor_names, is_blind, strict=True) if alone]

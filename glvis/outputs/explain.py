@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
-from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study
 from glvis.optim.placement import Placement, evaluate_poses
-from glvis.sight.visibility import VisibilityOptions, asks_about_points
+from glvis.sight.filters import Limits, Refusal, faces_in_camera, refusal
+from glvis.sight.visibility import asks_about_points
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
-# From the farthest from being seen to the nearest; the order in which a sensor's rules ask. The
-# last three stand above them all.
+# From the farthest from being seen to the nearest: first as ``filters.Refusal`` has them. The last
+# three stand above them all.
 REASONS = (
     "nothing looks there",
     "turned away",
@@ -39,9 +39,8 @@ REASONS = (
     "out of reach",
     "seen from behind",
 )
-(
-    _OUTSIDE, _BACK, _FAR, _NEAR, _OBLIQUE, _HIDDEN, _OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE, _BEHIND
-) = range(len(REASONS))  # fmt: skip
+_HIDDEN = int(Refusal.NONE)
+_OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE, _BEHIND = range(_HIDDEN + 1, len(REASONS))
 SEEN = -1
 _OTHERWISE = (SEEN, _OBSTRUCTED, _TINY, _NO_AREA)  # what no look from behind changes
 
@@ -58,9 +57,7 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     study, poses = placement.study, placement.camera_to_world
     found = []
     for model, seen_map in zip(study.models, placement.maps, strict=True):
-        closest = np.full(model.n_faces, _OUTSIDE)
-        for sensor, pose in zip(study.sensors, poses, strict=True):
-            closest = np.maximum(closest, _refusals(model, sensor, pose, study.visibility))
+        closest = refusals_of(model, study, poses).max(axis=0)
         closest[model.areas == 0] = _NO_AREA
         closest[seen_map.counts > 0] = SEEN
         found.append(closest)
@@ -91,32 +88,25 @@ def values_without(placement: Placement) -> Floats:
     return study.objective.aggregated(values)
 
 
-def _refusals(model: Model, sensor: Sensor, pose: Floats, options: VisibilityOptions) -> Integers:
-    """Return the first rule of a sensor that refuses each face, (F,); _HIDDEN if none does."""
-    by_paper = options.semantics == "paper"
-    by_axis = options.incidence == "axis"
-    towards = pose[:3, 3] - model.centroids
-    front = np.sum(model.normals * towards, axis=1)
-    if by_axis:
-        cosine = model.normals @ pose[:3, 2]
-    else:
-        cosine = front / np.maximum(np.linalg.norm(towards, axis=1), 1e-300)
-    # every vertex of a face with the paper's rules, else its centre alone: (F, k)
-    corner = model.faces if by_paper else np.arange(model.n_faces)[:, None]
-    points = (model.vertices if by_paper else model.centroids) - pose[:3, 3]
-    local = points @ pose[:3, :3]
-    depth = -local[:, 2]
-    edge = sensor.intrinsics.tan_half * depth[:, None]
-    in_view = ((depth > 0) & (np.abs(local[:, :2]) <= edge).all(axis=1))[corner]
-    in_reach = in_view & (depth <= sensor.max_distance)[corner]
-    rules = {
-        _OUTSIDE: ~in_view.any(axis=1),
-        _BACK: (cosine if by_axis else front) <= 0,
-        _FAR: ~in_reach.any(axis=1),
-        _NEAR: (depth < sensor.min_distance)[corner].any(axis=1),
-        _OBLIQUE: cosine < np.cos(sensor.max_incidence),
-    }
-    return np.select(list(rules.values()), list(rules), default=_HIDDEN)
+def refusals_of(model: Model, study: Study, camera_to_world: Floats) -> Integers:
+    """Return which filter of each sensor refuses each face first, (S, F) by ``Refusal``.
+
+    Parameters
+    ----------
+    model : Model
+        F faces.
+    study : Study
+        S sensors, and what counts as visible.
+    camera_to_world : (S, 4, 4) float64
+        Poses.
+    """
+    options = study.visibility
+    return np.stack(
+        [
+            refusal(faces_in_camera(model, pose, options), Limits.of(sensor, options))
+            for sensor, pose in zip(study.sensors, camera_to_world, strict=True)
+        ]
+    )
 
 
 def _tell_from_hidden(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from glvis.optim.placement import Placement
+from glvis.outputs.explain import refusals_of
 from glvis.outputs.mounting import mounting_lines
 from glvis.outputs.result import versions
 from glvis.outputs.tables import mean_row, model_rows, sensor_table
@@ -33,6 +34,7 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
                 model.faces,
                 found.visible,
                 model.pieces.file_face if model.pieces else None,
+                refusals_of(model, study, placement.camera_to_world),
             )
             for model, found in zip(study.models, placement.maps, strict=True)
         ],

@@ -59,7 +59,7 @@ class MapJob:
 
     def parts(self, most: int) -> list[MapJob]:
         """Return the same maps as jobs of at most ``most`` poses."""
-        return [self[first : first + most] for first in range(0, len(self), most)]
+        return [self[first : first + most] for first in range(0, len(self) or 1, most)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -217,7 +217,7 @@ function readFace(mesh, face) {
   return sensors.map((sensor, s) => {
     const view = faceSeenFrom(mesh, face, sensor, study.incidence), sees = Boolean(mesh.sees(s, face));
     return { name: sensor.name, on: state.on[s], sees, depth: view.depth, incidence: degrees(Math.acos(clamp(view.cosine, -1, 1))),
-      why: sees ? '' : whyUnseen(sensor, view) };
+      why: sees ? '' : study.refusals[mesh.refusal(s, face)] ?? 'not seen' };
   });
 }
 

@@ -22,19 +22,6 @@ function faceSeenFrom(mesh, face, sensor, incidence) {
   return { ray, depth: dot(ray, sensor.direction), cosine: -dot(normal, along) };
 }
 
-/** Why a face is not seen, judged at its centre; what is left over must be hidden. */
-function whyUnseen(sensor, { ray, depth, cosine }) {
-  const inside = depth > 0 &&
-    Math.abs(dot(ray, sensor.right)) <= sensor.tan_half[0] * depth &&
-    Math.abs(dot(ray, sensor.up)) <= sensor.tan_half[1] * depth;
-  if (!inside) return 'outside its view';
-  if (cosine <= 0) return 'faces away';
-  if (depth < sensor.min_distance) return 'too near';
-  if (depth > sensor.max_distance) return 'too far';
-  if (cosine < Math.cos(sensor.max_incidence)) return 'too oblique';
-  return 'hidden';
-}
-
 /** Everything the page tells about one model with some sensors on; amounts are faces, or area where any are cut. */
 function coverage(mesh, sensors, on) {
   const S = sensors.length, F = mesh.nFaces;

@@ -36,6 +36,7 @@ function readMesh(bytes, entry) {
   return {
     name: entry.name, nFaces: entry.nFaces, vertices, faces, pieceOf,
     sees: (sensor, face) => (bits[sensor * stride + (face >> 3)] >> (face & 7)) & 1,
+    refusal: (sensor, face) => (entry.refusals === undefined ? -1 : bytes[entry.refusals + sensor * entry.nFaces + face]),
   };
 }
 

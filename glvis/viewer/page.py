@@ -29,6 +29,7 @@ from glvis.drawing.palette import (
     sensor_colors,
 )
 from glvis.drawing.places import unit_word
+from glvis.sight.filters import Refusal
 from glvis.sight.glsl import shader_source
 
 _VIEWER = Path(__file__).resolve().parent
@@ -38,6 +39,17 @@ _SHADERS = tuple(
     f"viewer_{name}.{stage}.glsl" for name in ("mesh", "id", "line") for stage in ("vert", "frag")
 )
 _DIM_COLOR = (168, 174, 184)  # faces that do not matter while one sensor is looked at
+
+
+# Why a sensor does not see a face, in the few words that a line of the page has room for.
+_REFUSALS = {
+    Refusal.OUTSIDE: "outside its view",
+    Refusal.TURNED_AWAY: "faces away",
+    Refusal.TOO_FAR: "too far",
+    Refusal.TOO_NEAR: "too near",
+    Refusal.TOO_OBLIQUE: "too oblique",
+    Refusal.NONE: "hidden",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +69,9 @@ class PageModel:
     piece_of : (F,) int or None
         Where faces were cut: which of the file's faces each one is a piece of. The page then tells
         shares of the area instead of the faces.
+    refusals : (S, F) int or None
+        Which filter of each sensor refuses each face first, by ``filters.Refusal``; without them
+        the page does not say why a face is not seen.
     """
 
     name: str
@@ -64,6 +79,7 @@ class PageModel:
     faces: ArrayLike = field(repr=False)
     visible: ArrayLike = field(repr=False)
     piece_of: ArrayLike | None = field(default=None, repr=False)
+    refusals: ArrayLike | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,10 +238,7 @@ def _packed(data: PageData) -> tuple[dict[str, Any], bytes]:
     first = np.asarray(data.models[0].vertices, dtype=float)
     origin = (first.min(axis=0) + first.max(axis=0)) / 2
     blob = bytearray()
-    models = [
-        _pack_mesh(blob, origin, model, _checked_map(model, len(data.sensors)), model.piece_of)
-        for model in data.models
-    ]
+    models = [_pack_model(blob, origin, model, len(data.sensors)) for model in data.models]
     obstacles = [_pack_mesh(blob, origin, obstacle) for obstacle in data.obstacles]
     # as many steps of colour as the pictures have: one for each count that there is
     most = max(int(np.sum(model.visible, axis=0).max(initial=0)) for model in data.models)
@@ -236,6 +249,7 @@ def _packed(data: PageData) -> tuple[dict[str, Any], bytes]:
         "origin": origin.tolist(),
         "subtitle": data.subtitle or _subtitle(data),
         "incidence": data.incidence,
+        "refusals": list(_REFUSALS.values()),
         "byArea": data.by_area or any(model.piece_of is not None for model in data.models),
         "models": models,
         "obstacles": obstacles,
@@ -266,18 +280,35 @@ def _checked_map(model: PageModel, n_sensors: int) -> NDArray[np.bool_]:
     return visible
 
 
+def _pack_model(
+    blob: bytearray, origin: NDArray[np.float64], model: PageModel, n_sensors: int
+) -> dict[str, Any]:
+    """Append a model to the bytes and return where it lies; mesh.js reads it back.
+
+    To what a mesh has come a map, one bit a face; the faces that pieces belong to, as differences,
+    which never fall; and the refusals, a byte each.
+    """
+    visible = _checked_map(model, n_sensors)
+    entry = _pack_mesh(blob, origin, model)
+    bits = np.packbits(visible, axis=1, bitorder="little")
+    entry["visible"] = _append(blob, bits.tobytes())
+    if model.piece_of is not None:
+        owners = np.diff(np.asarray(model.piece_of, dtype=np.int64), prepend=0)
+        entry["pieceOf"] = _append(blob, _byte_planes(owners.astype("<u4")))
+    if model.refusals is not None:
+        # of a face that is seen nobody asks: the commonest number deflates best
+        refusals = np.where(visible, Refusal.OUTSIDE, model.refusals)
+        entry["refusals"] = _append(blob, refusals.astype(np.uint8).tobytes())
+    return entry
+
+
 def _pack_mesh(
-    blob: bytearray,
-    origin: NDArray[np.float64],
-    mesh: PageModel | PageObstacle,
-    visible: NDArray[np.bool_] | None = None,
-    piece_of: ArrayLike | None = None,
+    blob: bytearray, origin: NDArray[np.float64], mesh: PageModel | PageObstacle
 ) -> dict[str, Any]:
     """Append a mesh to the bytes and return where it lies; mesh.js reads it back.
 
     Vertices are float32, faces the differences of successive indices with the sign in the
-    lowest bit; both as byte planes, which deflate far better. A map is one bit a face, the
-    faces that pieces belong to are differences again, which never fall.
+    lowest bit; both as byte planes, which deflate far better.
     """
     vertices = np.asarray(mesh.vertices, dtype=float)
     faces = np.asarray(mesh.faces, dtype=np.int64)
@@ -289,12 +320,6 @@ def _pack_mesh(
     entry: dict[str, Any] = {"name": mesh.name, "nVertices": len(vertices), "nFaces": len(faces)}
     entry["vertices"] = _append(blob, _byte_planes((vertices - origin).astype("<f4")))
     entry["faces"] = _append(blob, _byte_planes(((steps << 1) ^ (steps >> 63)).astype("<u4")))
-    if visible is not None:
-        bits = np.packbits(visible, axis=1, bitorder="little")
-        entry["visible"] = _append(blob, bits.tobytes())
-    if piece_of is not None:
-        owners = np.diff(np.asarray(piece_of, dtype=np.int64), prepend=0)
-        entry["pieceOf"] = _append(blob, _byte_planes(owners.astype("<u4")))
     return entry
 
 
