@@ -96,7 +96,7 @@ ARROWS = {
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study search",
-    "sweep": "complaints errors estimate files overrides sensor study",
+    "vary": "complaints errors estimate files overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach journal",
     "reading": "context errors folder placement reach result scene study visibility complaints"
     " files indexes",
@@ -126,9 +126,9 @@ ARROWS = {
     "report": "mounting page placement result tables within_reach",
     "delivery": "errors files export_poses export_surfaces folder hints mounting page pictures"
     " placement reading report result selection",
-    "spread": "camera errors estimate folder placement sensor sweep reading",
-    "series_tables": "folder overrides reading result seriesplots spread sweep journal",
-    "series": "delivery errors folder placement series_tables spread study sweep complaints"
+    "spread": "camera errors estimate folder placement sensor vary reading",
+    "series_tables": "folder overrides reading result seriesplots spread vary journal",
+    "series": "delivery errors folder placement series_tables spread study vary complaints"
     " indexes journal lock",
     "doctor": "context result selftest",
     "terminal": "placement",
@@ -138,7 +138,7 @@ ARROWS = {
     "explain_words": "explain mounting placement tables terminal regions",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
     "tolerance_words": "mounting pieces placement terminal tolerance",
-    "series_words": "hints series_tables spread sweep terminal",
+    "series_words": "hints series_tables spread vary terminal",
     "compare": "camera coloring palette pieces placement scene scenesheets schema sheet stage"
     " tables terminal",
     "starter_meshes": "",
@@ -146,10 +146,10 @@ ARROWS = {
     "starter_layout": "camera scene schema sensor starter_texts units winding",
     "starter_study": "errors scene starter_layout starter_texts units winding",
     "starter": "errors hints starter_meshes starter_texts starter_layout starter_study units",
-    "cli_options": "",
+    "cli_options": "errors",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
-    "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
+    "cli_series": "delivery errors hints placement series series_tables series_words study vary"
     " terminal folder",
     "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
     " files folder given_poses keys placement reach reading starter study terminal wording workers"

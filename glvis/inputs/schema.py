@@ -356,7 +356,7 @@ class StudyTable(Table):
     objective: ObjectiveTable = ObjectiveTable()
     swarm: SwarmTable = SwarmTable()
     search: SearchTable = SearchTable()
-    sweep: dict[str, Any] = {}  # of several runs; ``sweep.py`` reads it
+    vary: dict[str, Any] = {}  # of several runs; ``vary.py`` reads it
 
     def swarm_options(self) -> SwarmOptions:
         """Return the options of the swarm; what the table leaves open has its default."""

@@ -68,9 +68,9 @@ class Study:
         How the swarm searches.
     search : SearchOptions
         Which method searches, and what it may spend.
-    sweep : dict
-        The table ``[sweep]`` as written: no part of this study, nor of ``text``; see
-        ``sweep.plan_runs``.
+    vary : dict
+        The table ``[vary]`` as written: no part of this study, nor of ``text``; see
+        ``vary.plan_runs``.
     assumed : tuple of str
         Keys that the file leaves to their defaults and ``text`` names, such as "search.method".
     """
@@ -88,7 +88,7 @@ class Study:
     objective: Objective
     swarm: SwarmOptions
     search: SearchOptions = field(default_factory=SearchOptions)
-    sweep: Mapping[str, Any] = field(default_factory=dict)
+    vary: Mapping[str, Any] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -155,6 +155,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     with _located(f"{path}: "):
         source = _read_text(path)
         data = toml_tables(source)
+        if "sweep" in data:
+            raise StudyError("[sweep] is called [vary] now: rename the table, its keys stay")
         data, changes = overridden(data, overrides)
         data = with_plain_lengths(data)
         try:
@@ -193,9 +195,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     told["search.method"] = search.method
     assumed = tuple(key for key in told if not _names(data, key))
     changes |= {tuple(key.split(".")): told[key] for key in assumed}
-    if "sweep" in data:
-        changes = {path: new for path, new in changes.items() if path[0] != "sweep"}
-        changes["sweep",] = REMOVED
+    if "vary" in data:
+        changes = {path: new for path, new in changes.items() if path[0] != "vary"}
+        changes["vary",] = REMOVED
     return Study(
         path=path,
         text=written(source, changes),
@@ -210,7 +212,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         objective=objective,
         swarm=swarm,
         search=search,
-        sweep=table.sweep,
+        vary=table.vary,
         assumed=assumed,
     )
 
