@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from glvis import __version__
+from glvis.cli_manual import commands as commands_about_the_manual
 from glvis.cli_options import (
     AllPictures,
     DryRun,
@@ -233,25 +234,6 @@ def check(study: StudyFile, overrides: Set = None) -> None:
         say(f"Warning: {warning}")
     for line in [*cost_lines(measured_cost(loaded), available_cores()), *runs]:
         say(line)
-
-
-@app.command(epilog="Examples:  glvis keys  and  glvis keys objective")
-def keys(
-    about: Annotated[
-        str, typer.Argument(metavar="TABLE", help="Only of a table, or of those with a key.")
-    ] = "",
-) -> None:
-    """List every key that a study may have: its default and what it means."""
-    from glvis.inputs.keys import tables_about
-    from glvis.terminal import listing, say
-
-    tables = tables_about(about)
-    say("Each key, what it is where the study leaves it out, and what it means.")
-    for table in tables:
-        say()
-        say(f"{table.name}: {table.about}")
-        for line in listing(list(table.rows())):
-            say(line, to_paste=True)
 
 
 @app.command(
@@ -477,6 +459,7 @@ def _say_that_pictures_come(wanted: bool) -> None:
 
 
 app.add_typer(commands_about_results)
+app.add_typer(commands_about_the_manual)
 
 
 @app.command()

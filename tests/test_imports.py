@@ -146,13 +146,15 @@ ARROWS = {
     "starter_layout": "camera scene schema sensor starter_texts units winding",
     "starter_study": "errors scene starter_layout starter_texts units winding",
     "starter": "errors hints starter_meshes starter_texts starter_layout starter_study units",
+    "manual": "errors expressions",
     "cli_options": "errors",
+    "cli_manual": "keys manual terminal",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study vary"
     " terminal folder",
-    "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
-    " files folder given_poses keys placement reach reading starter study terminal wording workers"
+    "cli": "checks cli_manual cli_options cli_results cli_series complaints delivery doctor errors estimate"
+    " files folder given_poses placement reach reading starter study terminal wording workers"
     " starter_study streams",
     "__main__": "cli",
     # the public names
@@ -168,7 +170,7 @@ DOORS = {
     "trimesh": "scene",
     "pyswarms": "swarm",
     "pydantic": "schema complaints indexes states study values",
-    "typer": "cli cli_options cli_results cli_series",
+    "typer": "cli cli_manual cli_options cli_results cli_series",
     "distributed": "cluster remote",
     "cma": "covariance",
     "embreex": "",  # the rival that tools/bench measures; never part of the product
