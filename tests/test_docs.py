@@ -1,13 +1,17 @@
-"""The manual: pages that are listed and shown, links that lead somewhere, keys as the schema has
-them, and in the page about the paper names that exist."""
+"""The manual: pages that are listed and shown, links that lead somewhere, examples that hold,
+and keys as the schema has them."""
 
+import ast
 import re
+import shlex
 import tomllib
 from pathlib import Path
 
 import pytest
+import typer
 
-from glvis.cli import main
+import glvis
+from glvis.cli import app, main
 from glvis.inputs.keys import KEY_TABLES
 from glvis.inputs.lengths import with_plain_lengths
 from glvis.inputs.schema import StudyTable
@@ -17,6 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = {page.name: page for page in read_pages()}
 TEXTS = [
     ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
     ROOT / "scenes" / "README.md",
     ROOT / "scenes" / "reproduced.md",
     *sorted((ROOT / "glvis" / "docs").glob("*.md")),
@@ -101,6 +107,45 @@ def test_relative_links_lead_somewhere(path):
 def test_the_readme_leads_to_every_page():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert [name for name in PAGES if f"glvis/docs/{name}.md" not in text] == []
+
+
+def blocks(kind: str) -> list[tuple[str, str]]:
+    """Return the fenced blocks of a kind in README, manual and CONTRIBUTING: where, and text."""
+    found = []
+    for path in TEXTS:
+        text = path.read_text(encoding="utf-8")
+        found += [(path.name, one) for one in re.findall(rf"```{kind}\n(.*?)```", text, re.DOTALL)]
+    assert found
+    return found
+
+
+@pytest.mark.parametrize(("name", "text"), blocks("toml"))
+def test_studies_that_are_shown_can_be_read(name, text):
+    StudyTable.model_validate(with_plain_lengths(tomllib.loads(text)))
+
+
+@pytest.mark.parametrize(("name", "text"), blocks("sh"))
+def test_commands_that_are_shown_exist_with_all_their_options(name, text):
+    commands = typer.main.get_command(app).commands
+    for line in text.splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["glvis"]:  # read, not run
+            commands[words[1]].make_context(words[1], words[2:])
+        elif words and "/" in words[0]:
+            assert (ROOT / words[0]).exists() or words[0].startswith(".venv/"), line
+
+
+@pytest.mark.parametrize(("name", "text"), blocks("python"))
+def test_python_that_is_shown_uses_public_names(name, text):
+    ast.parse(text)
+    assert set(re.findall(r"\bglvis\.(\w+)", text)) <= set(glvis.__all__)
+
+
+def test_commands_of_the_text_exist():
+    commands = set(typer.main.get_command(app).commands)
+    for path in TEXTS:
+        text = path.read_text(encoding="utf-8")
+        assert set(re.findall(r"`glvis ([a-z]+)", text)) <= commands, path.name
 
 
 # How an example of a table becomes part of a study; the rest of one that is whole.
