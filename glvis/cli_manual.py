@@ -1,10 +1,13 @@
-"""Commands that tell what glvis knows: the keys of a study, the pages of the manual."""
+"""Commands that tell what glvis knows: the keys of a study, its schema, the pages of the manual."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from glvis.errors import MachineError, StudyError
 
 commands = typer.Typer()
 
@@ -44,3 +47,29 @@ def docs(
     say("Pages of the manual; 'glvis docs PAGE' shows one.")
     for line in listing([(page.name, page.about) for page in read_pages()]):
         say(line)
+
+
+@commands.command(epilog="Example:  glvis schema -o study.schema.json")
+def schema(
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Write it there instead.")
+    ] = None,
+) -> None:
+    """Print the JSON schema of the study file, from which editors complete and check it.
+
+    Editors with Taplo, or Even Better TOML, hold a study against the file that its first line
+    names, as '#:schema study.schema.json' names one beside it. 'glvis init' writes both.
+    """
+    from glvis.inputs.json_schema import schema_text
+    from glvis.terminal import say
+
+    if output is None:
+        typer.echo(schema_text(), nl=False)
+        return
+    if output.suffix != ".json":  # it takes the place of what is there: never of a study
+        raise StudyError(f"-o {output}: must end in .json, as study.schema.json")
+    try:
+        output.write_text(schema_text(), encoding="utf-8")
+    except OSError as error:
+        raise MachineError(f"{output}: cannot be written to: {error.strerror}") from error
+    say(f"Wrote {output}")

@@ -68,6 +68,7 @@ ARROWS = {
     "lengths": "schema",
     "overrides": "complaints errors expressions files schema",
     "keys": "errors expressions overrides schema",
+    "json_schema": "keys schema units",
     "study": "errors complaints expressions files lengths meshpaths mounts notebook objective"
     " overrides pieces scene schema sensor search_options swarm_options units visibility",
     "winding": "scene welding",
@@ -145,17 +146,18 @@ ARROWS = {
     "starter_texts": "",
     "starter_layout": "camera scene schema sensor starter_texts units winding",
     "starter_study": "errors scene starter_layout starter_texts units winding",
-    "starter": "errors hints starter_meshes starter_texts starter_layout starter_study units",
+    "starter": "errors hints json_schema starter_meshes starter_texts starter_layout starter_study"
+    " units",
     "manual": "errors expressions",
     "cli_options": "errors",
-    "cli_manual": "keys manual terminal",
+    "cli_manual": "errors json_schema keys manual terminal",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
     "cli_series": "delivery errors hints placement series series_tables series_words study vary"
     " terminal folder",
-    "cli": "checks cli_manual cli_options cli_results cli_series complaints delivery doctor errors estimate"
-    " files folder given_poses placement reach reading starter study terminal wording workers"
-    " starter_study streams",
+    "cli": "checks cli_manual cli_options cli_results cli_series complaints delivery doctor errors"
+    " estimate files folder given_poses placement reach reading starter starter_study streams study"
+    " terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement reading result",

@@ -6,6 +6,7 @@ key, what it got, what is allowed.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -34,6 +35,7 @@ from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.sight.visibility import VisibilityOptions, render_resolution
 
+_SCHEMA_LINE = re.compile(r"(#:schema +)([^:\s][^:\n]*)(?=\n)")  # by a path, not by an URL
 _MOST_PIXELS = 1 << 26  # of an image that decides; one takes about 14 bytes a pixel
 
 
@@ -200,7 +202,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         changes["vary",] = REMOVED
     return Study(
         path=path,
-        text=written(source, changes),
+        text=_with_absolute_schema(written(source, changes), folder),
         title=table.title or in_one_line(path.stem),
         unit=table.unit,
         up=rig.up,
@@ -236,6 +238,12 @@ def _read_text(path: Path) -> str:
         raise StudyError(f"is no text in UTF-8 (byte {error.start})") from None
     except OSError as error:
         raise StudyError(f"cannot be read: {error.strerror}") from None
+
+
+def _with_absolute_schema(text: str, folder: Path) -> str:
+    """Return a study whose first line, if it names a schema beside the study, is true elsewhere."""
+    found = _SCHEMA_LINE.match(text)
+    return f"{found[1]}{folder / found[2]}{text[found.end() :]}" if found else text
 
 
 def _names(data: Mapping[str, Any], key: str) -> bool:

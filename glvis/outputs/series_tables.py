@@ -17,8 +17,10 @@ from glvis.outputs.result import SCHEMA, TRACE, versions, write_csv
 from glvis.outputs.spread import Apart, Spread, Statistic, outcomes_of, spread
 
 RUNS = "runs.csv"  # beside the table of varied keys, which has a row a point
-FILES = (RUNS, *SERIES, *("vary.csv", "vary.png", "repeats.csv", "repeats.png"))
-FILES += ("sweep.csv", "sweep.png")  # of earlier builds
+FILES = (
+    *(RUNS, *SERIES, "vary.csv", "vary.png", "repeats.csv", "repeats.png"),
+    *("sweep.csv", "sweep.png"),  # of earlier builds
+)
 _NUMBERS = (
     *("value", "percentage", "area_percentage"),
     *("iterations", "evaluations", "maps_rendered"),
