@@ -364,7 +364,7 @@ def test_series_of_a_study_without_variables_is_evaluated(run, study, tmp_path):
     assert run("optimize", "--resume", out)[:1] == (0,)
 
 
-def test_swept_meshes_are_found_from_the_study_s_own_folder(run, study, tmp_path):
+def test_varied_meshes_are_found_from_the_study_s_own_folder(run, study, tmp_path):
     vary = "\n[vary]\nscene.models = [['cube.off'], ['s*.off'], ['cube.off', 'small.off']]\n"
     study.write_text(SMALL + vary)
     out = tmp_path / "out"

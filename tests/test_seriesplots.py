@@ -95,5 +95,5 @@ def test_words_are_not_joined_and_far_numbers_are_spread_evenly(tmp_path):
         np.unique(pixels(far, BLUE)[:, 1]), [0, 100])).max() < 25  # fmt: skip
 
 
-def test_a_single_value_can_be_swept(tmp_path):
+def test_a_single_value_can_vary(tmp_path):
     assert len(pixels(plot_of(tmp_path / "a.png", [Line("", [3], [[1.0, 1.1]])]), BLUE)) > 20

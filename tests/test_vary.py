@@ -149,7 +149,7 @@ def test_variable_stays_where_another_one_needs_it(tmp_path, variables, kept):
     assert {v.name for v in cut.variables} == kept
 
 
-def test_overrides_hold_for_every_run_and_swept_keys_go_before_them(planned, tmp_path):
+def test_overrides_hold_for_every_run_and_varied_keys_go_before_them(planned, tmp_path):
     plan = planned(VARY, overrides=["mount.A.roll_deg=5", "swarm.particles=99"])
     assert [point.run_maps for point in plan.points] == [48, 72, 96, 72, 108, 144]
 
