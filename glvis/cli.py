@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from glvis import __version__
+from glvis.cli_manual import commands as commands_about_the_manual
 from glvis.cli_options import (
     AllPictures,
     DryRun,
@@ -26,6 +27,7 @@ from glvis.cli_options import (
     Set,
     StudyFile,
     Sweep,
+    Vary,
 )
 from glvis.cli_results import commands as commands_about_results
 from glvis.errors import MachineError, StudyError
@@ -213,7 +215,7 @@ def check(study: StudyFile, overrides: Set = None) -> None:
 
     Nothing is written. Prints models, obstacles, sensors, variables with bounds and start, the
     resolution of the renders, the OpenGL driver, and how long a full run takes here; of a study
-    with a table \[sweep] all its runs.
+    with a table \[vary] all its runs.
     """
     from glvis.cli_series import planned_runs
     from glvis.inputs.checks import size_doubts
@@ -232,25 +234,6 @@ def check(study: StudyFile, overrides: Set = None) -> None:
         say(f"Warning: {warning}")
     for line in [*cost_lines(measured_cost(loaded), available_cores()), *runs]:
         say(line)
-
-
-@app.command(epilog="Examples:  glvis keys  and  glvis keys objective")
-def keys(
-    about: Annotated[
-        str, typer.Argument(metavar="TABLE", help="Only of a table, or of those with a key.")
-    ] = "",
-) -> None:
-    """List every key that a study may have: its default and what it means."""
-    from glvis.inputs.keys import tables_about
-    from glvis.terminal import listing, say
-
-    tables = tables_about(about)
-    say("Each key, what it is where the study leaves it out, and what it means.")
-    for table in tables:
-        say()
-        say(f"{table.name}: {table.about}")
-        for line in listing(list(table.rows())):
-            say(line, to_paste=True)
 
 
 @app.command(
@@ -312,7 +295,7 @@ def evaluate(
     epilog="Examples:  glvis optimize scenes/arm.toml -o out/arm  or a shorter run:  glvis "
     "optimize scenes/arm.toml -o out/try --set swarm.particles=50 --set swarm.iterations=30  "
     "or go on with one:  glvis optimize --resume out/arm --extend 50  or how many sensors it "
-    "takes:  glvis optimize scenes/kitchen-4.toml -o out/many --sweep mounts=2,3,4 --repeats 3"
+    "takes:  glvis optimize scenes/kitchen-4.toml -o out/many --vary mounts=2,3,4 --repeats 3"
 )
 def optimize(
     study: Annotated[
@@ -358,6 +341,7 @@ def optimize(
         int, typer.Option(min=0, help="Iterations to add to a search, with --resume.")
     ] = 0,
     repeats: Repeats = None,
+    vary: Vary = None,
     sweep: Sweep = None,
     dry_run: DryRun = False,
     no_pictures: NoPictures = False,
@@ -372,7 +356,7 @@ def optimize(
     Writes what 'evaluate' writes, trace.csv (best and mean value of each iteration) and
     checkpoint.npz (what --resume needs).
 
-    With --repeats, --sweep or a table \[sweep] in the study: many searches, each a result in a
+    With --repeats, --vary or a table \[vary] in the study: many searches, each a result in a
     folder of its own, run-01 ..., with a table, a plot and a summary of all. Pictures are made
     of the best run. --resume goes on with the runs that have not finished.
     """
@@ -417,9 +401,9 @@ def optimize(
     early = load_study(study, settings) if study else None  # before any folder is made
     if directory and not dry_run:
         settle_folder(directory)  # it may turn out to hold a series
-    if repeats or sweep or dry_run or (early and early.sweep) or (resume and series_index(resume)):
+    if repeats or vary or dry_run or (early and early.vary) or (resume and series_index(resume)):
         optimize_many(
-            directory, early, settings, search, sweeps=sweep or (), repeats=repeats,
+            directory, early, settings, search, options=vary or (), repeats=repeats,
             dry_run=dry_run, resume=resume is not None, extend=extend, overwrite=overwrite,
             warnings=_warnings, pictures=not no_pictures, all_pictures=all_pictures,
             meshes=not no_meshes,
@@ -475,6 +459,7 @@ def _say_that_pictures_come(wanted: bool) -> None:
 
 
 app.add_typer(commands_about_results)
+app.add_typer(commands_about_the_manual)
 
 
 @app.command()

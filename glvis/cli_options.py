@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from glvis.errors import StudyError
+
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="The study, a TOML file.")]
 ResultFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a result.")]
 Output = Annotated[
@@ -47,14 +49,24 @@ Repeats = Annotated[
     int | None,
     typer.Option(min=1, help="Runs with this many seeds; says how much their results differ."),
 ]
-Sweep = Annotated[
+Vary = Annotated[
     list[str] | None,
     typer.Option(
-        "--sweep",
+        "--vary",
         metavar="KEY=VALUE,VALUE,...",
         help="Runs with each of the values, as mounts=2,3,4 or objective.kind=of1,of2; the same "
-        "as a table \\[sweep] in the study. Given many times: every combination.",
+        "as a table \\[vary] in the study. Given many times: every combination.",
     ),
+]
+
+
+def _refuse_sweep(given: list[str] | None) -> None:
+    if given:
+        raise StudyError("--sweep is called --vary now: give it the same KEY=VALUE,VALUE,...")
+
+
+Sweep = Annotated[  # the old name of --vary: refused, not unknown
+    list[str] | None, typer.Option("--sweep", hidden=True, callback=_refuse_sweep, is_eager=True)
 ]
 DryRun = Annotated[
     bool, typer.Option("--dry-run", help="Only list the runs and the maps they cost.")

@@ -1,4 +1,4 @@
-"""Many searches by one command: repeats and sweeps, and what is said on the way."""
+"""Many searches by one command: repeats and varied keys, and what is said on the way."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from glvis.hints import command
 
 if TYPE_CHECKING:
     from glvis.inputs.study import Study
-    from glvis.inputs.sweep import Plan, PlannedRun
+    from glvis.inputs.vary import Plan, PlannedRun
     from glvis.optim.placement import Placement
     from glvis.outputs.series import Search
 
 
 def planned_runs(study: Study, settings: Sequence[str] = ()) -> list[str]:
-    """Return lines about the runs of a study; none where it has no ``[sweep]``."""
-    from glvis.inputs.sweep import plan_runs
+    """Return lines about the runs of a study; none where it has no ``[vary]``."""
+    from glvis.inputs.vary import plan_runs
     from glvis.outputs.series_words import plan_lines
 
-    return ["", *plan_lines(plan_runs(study, settings))] if study.sweep else []
+    return ["", *plan_lines(plan_runs(study, settings))] if study.vary else []
 
 
 def optimize_many(
@@ -33,7 +33,7 @@ def optimize_many(
     settings: Sequence[str],
     search: Search,
     *,
-    sweeps: Sequence[str],
+    options: Sequence[str],
     repeats: int | None,
     dry_run: bool,
     resume: bool,
@@ -45,7 +45,7 @@ def optimize_many(
     meshes: bool,
 ) -> None:
     """Do what ``optimize`` does, for many runs; exit code 1 where pictures failed."""
-    from glvis.inputs.sweep import plan_runs
+    from glvis.inputs.vary import plan_runs
     from glvis.outputs.folder import own_folder
     from glvis.outputs.series import read_series, run_series, series_folder
     from glvis.outputs.series_words import plan_lines
@@ -53,7 +53,7 @@ def optimize_many(
 
     if extend:
         raise StudyError("--extend adds to one search: --resume the folder of that run")
-    if resume and (study or settings or sweeps or overwrite):
+    if resume and (study or settings or options or overwrite):
         raise StudyError(
             "--resume: a series goes on with its own study; only --repeats can add runs to it"
         )
@@ -62,7 +62,7 @@ def optimize_many(
         plan = read_series(directory, repeats)
     else:
         assert study
-        plan = plan_runs(study, settings, sweeps, repeats or 1)
+        plan = plan_runs(study, settings, options, repeats or 1)
     if dry_run:
         for line in plan_lines(plan):
             say(line)

@@ -230,13 +230,13 @@ def test_archive_that_promises_petabytes_takes_no_memory(whole, tmp_path):
     [
         (lambda i: i.update(repeats=0), "repeats = 0 must lie in"),
         (lambda i: i.update(repeats=10**9), "asks for 1,000,000,000 runs"),
-        (lambda i: i.update(sweep={"mounts": [None]}), "must hold no null"),
-        (lambda i: i.update(sweep=3), "sweep = 3 must be a table"),
+        (lambda i: i.update(vary={"mounts": [None]}), "must hold no null"),
+        (lambda i: i.update(vary=3), "vary = 3 must be a table"),
         (lambda i: i.pop("title"), "title is missing"),
     ],
 )
 def test_crafted_series_is_one_line(whole, tmp_path, capsys, change, fact):
-    index = {"glvis_schema": 1, "title": "Two\ncubes", "sweep": {}, "repeats": 2}
+    index = {"glvis_schema": 1, "title": "Two\ncubes", "vary": {}, "repeats": 2}
     change(index)
     (tmp_path / "repeats.json").write_text(json.dumps(index))
     shutil.copy(whole / "swarm" / "out" / "study.toml", tmp_path)

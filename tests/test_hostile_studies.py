@@ -77,16 +77,16 @@ TOO_MUCH = {  # what is put in place of what: what the line says
         "must hold at most 500 sensors",
     ),
     "file": ("[swarm]", f"# {'x' * MOST_TOML}\n[swarm]", "is larger than 0.3 MB"),
-    "values of a sweep": (
-        "[swarm]", f"[sweep]\nmounts = {list(range(1, 1002))}\n[swarm]",
-        "[sweep] mounts = [1, 2, 3, ...] must hold at most 1000 values",
+    "values of a varied key": (
+        "[swarm]", f"[vary]\nmounts = {list(range(1, 1002))}\n[swarm]",
+        "[vary] mounts = [1, 2, 3, ...] must hold at most 1000 values",
     ),
-    "runs of a sweep": (
+    "runs of varied keys": (
         "[swarm]",
-        "[sweep]\n" + "".join(
+        "[vary]\n" + "".join(
             f"swarm.{key} = {list(range(2, 202))}\n" for key in ("particles", "iterations", "seed")
         ) + "[swarm]",
-        "[sweep] asks for 8,000,000 runs, at most 1,000",
+        "[vary] asks for 8,000,000 runs, at most 1,000",
     ),
 }  # fmt: skip
 

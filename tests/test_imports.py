@@ -68,6 +68,7 @@ ARROWS = {
     "lengths": "schema",
     "overrides": "complaints errors expressions files schema",
     "keys": "errors expressions overrides schema",
+    "json_schema": "keys schema units",
     "study": "errors complaints expressions files lengths meshpaths mounts notebook objective"
     " overrides pieces scene schema sensor search_options swarm_options units visibility",
     "winding": "scene welding",
@@ -96,7 +97,7 @@ ARROWS = {
     "tables": "objective pieces scene visibility",
     "within_reach": "pieces placement reach scene visibility",
     "estimate": "context evaluator pieces scene search_options sensor study search",
-    "sweep": "complaints errors estimate files overrides sensor study",
+    "vary": "complaints errors estimate files overrides sensor study",
     "result": "camera folder pieces placement scene study tables visibility within_reach journal",
     "reading": "context errors folder placement reach result scene study visibility complaints"
     " files indexes",
@@ -126,9 +127,9 @@ ARROWS = {
     "report": "mounting page placement result tables within_reach",
     "delivery": "errors files export_poses export_surfaces folder hints mounting page pictures"
     " placement reading report result selection",
-    "spread": "camera errors estimate folder placement sensor sweep reading",
-    "series_tables": "folder overrides reading result seriesplots spread sweep journal",
-    "series": "delivery errors folder placement series_tables spread study sweep complaints"
+    "spread": "camera errors estimate folder placement sensor vary reading",
+    "series_tables": "folder overrides reading result seriesplots spread vary journal",
+    "series": "delivery errors folder placement series_tables spread study vary complaints"
     " indexes journal lock",
     "doctor": "context result selftest",
     "terminal": "placement",
@@ -138,22 +139,25 @@ ARROWS = {
     "explain_words": "explain mounting placement tables terminal regions",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
     "tolerance_words": "mounting pieces placement terminal tolerance",
-    "series_words": "hints series_tables spread sweep terminal",
+    "series_words": "hints series_tables spread vary terminal",
     "compare": "camera coloring palette pieces placement scene scenesheets schema sheet stage"
     " tables terminal",
     "starter_meshes": "",
     "starter_texts": "",
     "starter_layout": "camera scene schema sensor starter_texts units winding",
     "starter_study": "errors scene starter_layout starter_texts units winding",
-    "starter": "errors hints starter_meshes starter_texts starter_layout starter_study units",
-    "cli_options": "",
+    "starter": "errors hints json_schema starter_meshes starter_texts starter_layout starter_study"
+    " units",
+    "manual": "errors expressions",
+    "cli_options": "errors",
+    "cli_manual": "errors json_schema keys manual terminal",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
-    "cli_series": "delivery errors hints placement series series_tables series_words study sweep"
+    "cli_series": "delivery errors hints placement series series_tables series_words study vary"
     " terminal folder",
-    "cli": "checks cli_options cli_results cli_series complaints delivery doctor errors estimate"
-    " files folder given_poses keys placement reach reading starter study terminal wording workers"
-    " starter_study streams",
+    "cli": "checks cli_manual cli_options cli_results cli_series complaints delivery doctor errors"
+    " estimate files folder given_poses placement reach reading starter starter_study streams study"
+    " terminal wording workers",
     "__main__": "cli",
     # the public names
     "__init__": "errors scene sensor study visibility evaluator placement reading result",
@@ -168,7 +172,7 @@ DOORS = {
     "trimesh": "scene",
     "pyswarms": "swarm",
     "pydantic": "schema complaints indexes states study values",
-    "typer": "cli cli_options cli_results cli_series",
+    "typer": "cli cli_manual cli_options cli_results cli_series",
     "distributed": "cluster remote",
     "cma": "covariance",
     "embreex": "",  # the rival that tools/bench measures; never part of the product

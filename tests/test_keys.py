@@ -12,7 +12,7 @@ from glvis.optim.search_options import METHODS
 # Keys of a study that are tables, under which name each stands in the list.
 TABLES = {"scene": "[scene]", "sensor": "[sensor.NAME]", "visibility": "[visibility]"}
 TABLES |= {"variables": "[variables]", "mount": "[[mount]]", "objective": "[objective]"}
-TABLES |= {"swarm": "[swarm]", "search": "[search]", "sweep": "[sweep]"}
+TABLES |= {"swarm": "[swarm]", "search": "[search]", "vary": "[vary]"}
 
 
 def test_every_table_of_the_schema_is_listed():

@@ -44,7 +44,7 @@ def timeless(monkeypatch):
     monkeypatch.setattr("glvis.cli._warnings", lambda study: [])
     for plot in (
         "outputs.series_tables.write_repeats",
-        "outputs.series_tables.write_sweep",
+        "outputs.series_tables.write_vary",
         "drawing.pictures.write_convergence",
     ):
         monkeypatch.setattr(
@@ -206,7 +206,7 @@ def test_overwritten_series(study, tmp_path):
     kills = Kills(tmp_path / "out")
     words = ("optimize", study, "-o", kills.out, *SHORT)
     assert run(*words, "--repeats", "2") == 0
-    old, new = kills.content(), kills.of(*words, "--sweep", "mounts=1,2", "--overwrite")
+    old, new = kills.content(), kills.of(*words, "--vary", "mounts=1,2", "--overwrite")
     resume = ("optimize", "--resume", kills.out)
     assert_first_old_then_new(kills.gone_on_from(series_resumed, resume), old, new)
 

@@ -85,11 +85,28 @@ def test_distribution_has_a_name_of_its_own_and_the_version_of_the_package(wheel
     assert versions()["glvis"] == glvis.__version__  # whatever else is installed as "glvis"
 
 
+def test_the_version_stands_in_one_place(wheel):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert "version" not in project and project["dynamic"] == ["version"]
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        told = archive.read(name).decode()
+    assert f"\nVersion: {glvis.__version__}\n" in told
+    assert "\nProject-URL:" not in told and "\nHome-page:" not in told  # it has no home yet
+    assert told.count("\nClassifier: ") >= 8
+
+
+def test_the_wheel_holds_every_page_of_the_manual(wheel):
+    pages = {f"glvis/docs/{path.name}" for path in (ROOT / "glvis" / "docs").glob("*.md")}
+    assert pages and pages <= names_in(wheel)
+
+
 def test_nobody_is_told_to_install_glvis_from_an_index():
     told = re.compile(
         r"""pip3? (install|download) (-\S+ )*['"]?glvis(?!_placement-)|\bglvis\\*\[[a-z]"""
     )
-    files = [ROOT / "README.md", ROOT / "pyproject.toml"]
+    names = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "pyproject.toml")
+    files = [ROOT / name for name in names]
     for folder in ("glvis", "scenes", "tests", "tools"):
         files += [path for path in (ROOT / folder).rglob("*") if path.is_file()]
     texts = {

@@ -285,7 +285,7 @@ def test_no_more_is_kept_than_there_is_room_for(study, sampled, monkeypatch):
 
 def test_a_series_samples_once_a_point(box, tmp_path, sampled):
     out = tmp_path / "out"
-    many = ["--sweep", "sensor.eye.max_distance=40,50", "--repeats", "2", "--no-pictures"]
+    many = ["--vary", "sensor.eye.max_distance=40,50", "--repeats", "2", "--no-pictures"]
     assert main(["optimize", str(box), "-o", str(out), "--workers", "1", *many]) == 0
     told = [json.loads(path.read_text())["reach"] for path in sorted(out.glob("run-*/result.json"))]
     assert [one["positions"] for one in told] == [128] * 4

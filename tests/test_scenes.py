@@ -20,7 +20,7 @@ MESHES = [*ARMS, "holder", "kitchen"]
 STUDIES = {
     "arm": (18, 8, 6),
     "arm-noroll": (14, 8, 6),
-    "arm-paper": (0, 8, 6),
+    "arm-table8": (0, 8, 6),
     "demo": (18, 8, 2),
     "kitchen-2": (12, 2, 1),
     "kitchen-3": (18, 3, 1),
@@ -257,7 +257,7 @@ def test_the_arm_study_starts_at_45_degrees_with_cameras_that_look_at_the_z_axis
 
 
 def test_the_paper_study_has_the_cameras_of_table_8():
-    study = load_study(SCENES / "arm-paper.toml")
+    study = load_study(SCENES / "arm-table8.toml")
     poses = dict(zip(study.sensor_names, study.rig.poses(study.rig.start), strict=True))
     assert poses["D1"][:3, 3].tolist() == [-291, 73, 136]
     for name, direction in {"C1": (0.82, 0.55, -0.14), "B2": (-0.66, -0.74, -0.12)}.items():
@@ -269,7 +269,7 @@ def test_the_paper_study_has_the_cameras_of_table_8():
 
 def test_the_arm_study_holds_the_poses_of_table_8_within_its_bounds():
     study = load_study(SCENES / "arm.toml")
-    paper = load_study(SCENES / "arm-paper.toml")
+    paper = load_study(SCENES / "arm-table8.toml")
     column = {variable.name: i for i, variable in enumerate(study.variables)}
     x = study.rig.start.copy()
     targets = dict(zip(paper.sensor_names, paper.rig.poses(paper.rig.start), strict=True))

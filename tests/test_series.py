@@ -1,4 +1,4 @@
-"""Repeats and sweeps by the command line: folders, tables, plots, and going on after a break."""
+"""Many runs by one command: folders, tables, plots, and going on after a break."""
 
 import csv
 import json
@@ -21,7 +21,7 @@ from glvis.errors import MachineError
 from glvis.outputs.journal import files_below
 from glvis.outputs.reading import read_result
 
-SWEEP = "\n[sweep]\nmounts = [1, 2]\n"
+VARY = "\n[vary]\nmounts = [1, 2]\n"
 
 
 @pytest.fixture
@@ -102,8 +102,8 @@ def test_repeats_are_ordinary_results_with_other_seeds_and_a_table(run, study, t
     ]  # fmt: skip
 
 
-def test_sweep_over_the_number_of_mounts(run, study, tmp_path):
-    study.write_text(SMALL + SWEEP)
+def test_series_over_the_number_of_mounts(run, study, tmp_path):
+    study.write_text(SMALL + VARY)
     out = tmp_path / "out"
     code, text, _ = run("optimize", study, "-o", out, "--repeats", "2", "--set", "title=Cubes")
     assert code == 0
@@ -115,8 +115,8 @@ def test_sweep_over_the_number_of_mounts(run, study, tmp_path):
     assert [placement.study.title for placement in found[:2]] == [
         "Cubes (mounts = 1)", "Cubes (mounts = 2)",
     ]  # fmt: skip
-    assert "[sweep]" not in (out / "run-01" / "study.toml").read_text()
-    points = rows_of(out / "sweep.csv")
+    assert "[vary]" not in (out / "run-01" / "study.toml").read_text()
+    points = rows_of(out / "vary.csv")
     for k, point in enumerate(points):
         values = [placement.value for placement in found[k::2]]
         assert float(point["value_mean"]) == statistics.fmean(values)
@@ -127,7 +127,7 @@ def test_sweep_over_the_number_of_mounts(run, study, tmp_path):
             "2",
         )
         assert read_result(out / point["best"]).value == max(values)
-    with Image.open(out / "sweep.png") as plot:
+    with Image.open(out / "vary.png") as plot:
         assert plot.size == (1600, 1000)
     assert [line.split()[:3] for line in text.splitlines()[1:3]] == [
         ["1", "2", "2"],
@@ -140,12 +140,12 @@ def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
 ):
     drawn = {}
     monkeypatch.setattr(
-        "glvis.outputs.series_tables.write_sweep",
+        "glvis.outputs.series_tables.write_vary",
         lambda path, panels, **options: path.touch() or drawn.update(options, panels=panels),
     )
     out = tmp_path / "out"
-    sweeps = ("--sweep", "visibility.criterion=pixels,centroid", "--sweep", "mount.C.roll_deg=0,45")
-    assert run("optimize", study, "-o", out, *sweeps, "--repeats", "2")[0] == 0
+    options = ("--vary", "visibility.criterion=pixels,centroid", "--vary", "mount.C.roll_deg=0,45")
+    assert run("optimize", study, "-o", out, *options, "--repeats", "2")[0] == 0
     assert (drawn["x_label"], drawn["are_numbers"]) == ("mount.C.roll [deg]", True)
     assert drawn["ticks"] == [(0.0, "0"), (45.0, "45")]
     value, seen = drawn["panels"]
@@ -167,17 +167,17 @@ def test_values_by_area_and_by_faces_have_no_common_axis(run, study, tmp_path, m
         path.touch()
         drawn.extend(panel.quantity for panel in panels)
 
-    monkeypatch.setattr("glvis.outputs.series_tables.write_sweep", write)
+    monkeypatch.setattr("glvis.outputs.series_tables.write_vary", write)
     out = tmp_path / "out"
-    assert run("optimize", study, "-o", out, "--sweep", "objective.by_area=false,true")[0] == 0
+    assert run("optimize", study, "-o", out, "--vary", "objective.by_area=false,true")[0] == 0
     assert drawn == ["faces seen [%]", "area seen [%]"]
-    points = json.loads((out / "sweep.json").read_text())["points"]
+    points = json.loads((out / "vary.json").read_text())["points"]
     assert [point["objective"] for point in points] == ["OF3", "OF3 by area"]
 
 
 def test_other_commands_work_on_a_run_and_name_one_where_the_series_is_given(run, study, tmp_path):
     out = tmp_path / "out"
-    run("optimize", study, "-o", out, "--sweep", "objective.kind=of1,of2", "--sweep", "mounts=2")
+    run("optimize", study, "-o", out, "--vary", "objective.kind=of1,of2", "--vary", "mounts=2")
     assert run("explain", out / "run-02")[0] == 0
     assert run("compare", out / "run-01", out / "run-02")[0] == 0
     code, _, err = run("explain", out)
@@ -186,13 +186,13 @@ def test_other_commands_work_on_a_run_and_name_one_where_the_series_is_given(run
 
 
 def test_the_runs_and_their_cost_are_told_before_anything_starts(run, study, tmp_path):
-    study.write_text(SMALL + SWEEP)
+    study.write_text(SMALL + VARY)
     before = files_below(tmp_path)
     code, dry, err = run("optimize", study, "--repeats", "2", "--dry-run")
     more = "and at most as many again to learn what is within reach"
     assert (code, err) == (0, "")
     assert [" ".join(line.split()) for line in dry.splitlines()] == [
-        "4 runs: 2 combinations of the swept values, 2 seeds each",
+        "4 runs: 2 combinations of the varied values, 2 seeds each",
         "mounts runs seeds sensors variables maps a run, at most maps",
         "1 run-01, run-03 1, 2 2 1 48 96",
         "2 run-02, run-04 1, 2 3 1 72 144",
@@ -200,11 +200,11 @@ def test_the_runs_and_their_cost_are_told_before_anything_starts(run, study, tmp
     ]
     code, text, _ = run("check", study)
     assert code == 0
-    assert "\n2 runs: 2 combinations of the swept values\n" in text
+    assert "\n2 runs: 2 combinations of the varied values\n" in text
     assert text.endswith(f"\nAt most 120 maps in all, {more}\n")
-    study.write_text(SMALL + SWEEP.replace("2", "3"))
+    study.write_text(SMALL + VARY.replace("2", "3"))
     assert run("check", study)[:2] == (2, "")
-    study.write_text(SMALL + SWEEP)
+    study.write_text(SMALL + VARY)
     assert files_below(tmp_path) == before
 
 
@@ -256,12 +256,12 @@ def started(*arguments, line):
 
 
 def test_killed_series_goes_on_to_the_tables_of_an_unbroken_one(run, study, tmp_path):
-    study.write_text(LONG + SWEEP)
+    study.write_text(LONG + VARY)
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert run("optimize", study, "-o", whole, "--repeats", "2")[0] == 0
     with started(study, "-o", broken, "--repeats", "2", line="run-02 of 4") as process:
         process.kill()
-    assert index_of(broken / "sweep.json")["finished"] == 1
+    assert index_of(broken / "vary.json")["finished"] == 1
     kept = (broken / "run-01" / "result.json").read_bytes()
     with started("--resume", broken, line="run-03 of 4") as process:
         process.kill()
@@ -280,7 +280,7 @@ def test_killed_series_goes_on_to_the_tables_of_an_unbroken_one(run, study, tmp_
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_series_leaves_a_summary_of_what_is_done(run, study, tmp_path, number):
     out, whole = tmp_path / "out", tmp_path / "whole"
-    text = SMALL + "stall_iterations = 60\n[sweep]\nswarm.iterations = [1, 60, 2]\n"
+    text = SMALL + "stall_iterations = 60\n[vary]\nswarm.iterations = [1, 60, 2]\n"
     study.write_text(text)
     with started(study, "-o", out, line="run-02 of 3") as process:
         process.send_signal(number)
@@ -291,11 +291,11 @@ def test_interrupted_series_leaves_a_summary_of_what_is_done(run, study, tmp_pat
     assert [row["stop_reason"].split(":")[0] for row in rows_of(out / "runs.csv")] == [
         "finished", "interrupted",
     ]  # fmt: skip
-    assert [run["state"] for run in index_of(out / "sweep.json")["runs"]] == [
+    assert [run["state"] for run in index_of(out / "vary.json")["runs"]] == [
         "finished", "interrupted", "waiting",
     ]  # fmt: skip
     assert read_result(out / "run-02").stop_reason.startswith("interrupted")
-    assert (out / "sweep.png").exists()
+    assert (out / "vary.png").exists()
     assert run("optimize", out)[0] == 0  # the same as --resume
     assert run("optimize", study, "-o", whole)[0] == 0
     assert told(out) == told(whole)
@@ -317,7 +317,7 @@ def test_interrupt_between_two_searches_ends_the_series_too(run, study, tmp_path
 
 
 def test_repeats_are_added_to_a_finished_series(run, study, tmp_path):
-    study.write_text(SMALL + SWEEP)
+    study.write_text(SMALL + VARY)
     out, whole = tmp_path / "out", tmp_path / "whole"
     assert run("optimize", study, "-o", out)[0] == 0
     code, _, err = run("optimize", "--resume", out, "--repeats", "2")
@@ -349,10 +349,10 @@ def test_search_killed_while_its_files_took_their_places_goes_on(run, study, tmp
     assert read_result(out).value == read_result(whole).value
 
 
-def test_sweep_of_a_study_without_variables_is_evaluated(run, study, tmp_path):
+def test_series_of_a_study_without_variables_is_evaluated(run, study, tmp_path):
     out = tmp_path / "out"
     code, _, _ = run(
-        "optimize", study, "-o", out, "--sweep", "mount.A.position.0=3,4", "--set",
+        "optimize", study, "-o", out, "--vary", "mount.A.position.0=3,4", "--set",
         "objective.kind=of1",
     )  # fmt: skip
     assert code == 0
@@ -364,9 +364,9 @@ def test_sweep_of_a_study_without_variables_is_evaluated(run, study, tmp_path):
     assert run("optimize", "--resume", out)[:1] == (0,)
 
 
-def test_swept_meshes_are_found_from_the_study_s_own_folder(run, study, tmp_path):
-    sweep = "\n[sweep]\nscene.models = [['cube.off'], ['s*.off'], ['cube.off', 'small.off']]\n"
-    study.write_text(SMALL + sweep)
+def test_varied_meshes_are_found_from_the_study_s_own_folder(run, study, tmp_path):
+    vary = "\n[vary]\nscene.models = [['cube.off'], ['s*.off'], ['cube.off', 'small.off']]\n"
+    study.write_text(SMALL + vary)
     out = tmp_path / "out"
     assert run("optimize", study, "-o", out)[0] == 0
     runs = [read_result(out / f"run-0{k}") for k in (1, 2, 3)]
@@ -388,11 +388,11 @@ def test_overwrite_replaces_a_series_and_leaves_what_is_not_its_own(run, study, 
         f"error: {out}: holds a series of runs already; go on with it by --resume {out}, or start "
         "anew with --overwrite\n"
     )
-    code, _, _ = run("optimize", study, "-o", out, "--sweep", "mounts=1", "--overwrite")
+    code, _, _ = run("optimize", study, "-o", out, "--vary", "mounts=1", "--overwrite")
     assert code == 0
     assert sorted(path.name for path in out.iterdir()) == [
-        "notes.txt", "run-01", "run-02", "runs.csv", "study.toml", "sweep.csv", "sweep.json",
-        "sweep.png",
+        "notes.txt", "run-01", "run-02", "runs.csv", "study.toml", "vary.csv", "vary.json",
+        "vary.png",
     ]  # fmt: skip
     assert files_below(out / "run-02") == ["notes.txt"]
 
@@ -402,7 +402,11 @@ def test_overwrite_replaces_a_series_and_leaves_what_is_not_its_own(run, study, 
     [
         (["STUDY", "-o", "OUT", "--repeats", "0"], "'--repeats'"),
         (["STUDY", "--repeats", "2"], "needs STUDY and -o DIR, or --resume DIR"),
-        (["STUDY", "-o", "OUT", "--sweep", "mounts=3"], "[sweep] with mounts = 3: "),
+        (["STUDY", "-o", "OUT", "--vary", "mounts=3"], "[vary] with mounts = 3: "),
+        (
+            ["STUDY", "-o", "OUT", "--sweep", "mounts=1"],
+            "--sweep is called --vary now: give it the same KEY=VALUE,VALUE,...",
+        ),
         (["STUDY", "-o", "STUDY", "--repeats", "2"], "is a file; the results need a folder"),
         (["STUDY", "-o", "ONE", "--repeats", "2"], "is not empty and holds the result of one run"),
         (["STUDY", "-o", "ONE", "--repeats", "2", "--overwrite"], "holds the result of one run"),
@@ -430,7 +434,28 @@ def test_what_cannot_be_is_one_line_and_leaves_all_as_it_was(run, results, argum
 
 @pytest.mark.parametrize("command", ["check", "optimize"])
 def test_help_names_the_table(run, command):
-    assert "[sweep]" in run(command, "--help")[1]
+    assert "[vary]" in run(command, "--help")[1]
+
+
+def test_old_name_of_an_option_stands_in_no_help(run):
+    assert "--sweep" not in run("optimize", "--help")[1]
+
+
+def test_series_of_a_build_that_said_sweep_goes_on(run, study, tmp_path):
+    study.write_text(SMALL + VARY)
+    out = tmp_path / "out"
+    assert run("optimize", study, "-o", out, "--no-pictures")[0] == 0
+    index = json.loads((out / "vary.json").read_text())
+    index["sweep"] = index.pop("vary")
+    (out / "sweep.json").write_text(json.dumps(index))
+    for name in ("vary.json", "vary.csv", "vary.png"):
+        (out / name).unlink()
+    (out / "sweep.csv").touch()
+    assert run("optimize", "--resume", out, "--repeats", "2", "--no-pictures")[0] == 0
+    assert index_of(out / "vary.json")["finished"] == 4
+    study.write_text(SMALL)
+    assert run("optimize", study, "-o", out, "--repeats", "2", "--overwrite")[0] == 0
+    assert not {"sweep.json", "sweep.csv", "vary.json"} & set(files_below(out))
 
 
 @pytest.mark.parametrize("text", ["{}", "no json", '{"glvis_schema": 1, "repeats": "many"}'])

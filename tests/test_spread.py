@@ -10,7 +10,7 @@ import pytest
 
 from glvis.camera import Intrinsics, camera_to_world, distance_and_angle
 from glvis.inputs.sensor import Sensor
-from glvis.inputs.sweep import PlannedRun, Point
+from glvis.inputs.vary import PlannedRun, Point
 from glvis.outputs.spread import Outcome, apart, spread
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -29,7 +29,9 @@ from glvis.outputs.journal import files_below
 def test_example_runs_as_it_is(tmp_path, example):
     study = load_study(write_starter(tmp_path / "first", example=example))
     assert study_warnings(study) == []
-    assert sorted(files_below(tmp_path)) == [f"first/{example}.stl", "first/study.toml"]
+    assert sorted(files_below(tmp_path)) == [
+        f"first/{example}.stl", "first/study.schema.json", "first/study.toml",
+    ]  # fmt: skip
     found = evaluate_poses(study)
     assert found.maps[0].coverage > 0.3
     for visible in found.maps[0].visible:

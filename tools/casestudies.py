@@ -21,7 +21,7 @@ BESIDE = HERE.parent / "shared" / "data"
 
 STUDIES = {
     "arms": "arm.toml",
-    "arms-table-8": "arm-paper.toml",
+    "arms-table-8": "arm-table8.toml",
     "kitchen-2": "kitchen-2.toml",
     "kitchen-3": "kitchen-3.toml",
     "kitchen-4": "kitchen-4.toml",

@@ -1,4 +1,4 @@
-"""Many runs in one picture: how repeats spread, and what a swept number does."""
+"""Many runs in one picture: how repeats spread, and what a varied number does."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class TracedRun(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What changes along one swept key while the others stay.
+    """What changes along one varied key while the others stay.
 
     ``x`` has K places, ``values`` the numbers of all runs at each of them (none where a run is
     still to come).
@@ -99,7 +99,7 @@ def write_repeats(
     figure.savefig(path, format="png")
 
 
-def write_sweep(
+def write_vary(
     path: Path,
     panels: Sequence[Panel],
     *,
@@ -109,7 +109,7 @@ def write_sweep(
     are_numbers: bool = True,
     size: tuple[int, int] = SIZE,
 ) -> None:
-    """Write what a swept number does as PNG: means, standard deviations, single runs.
+    """Write what a varied number does as PNG: means, standard deviations, single runs.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def write_sweep(
     colors = [hex_color(color) for color in sensor_colors(len(panels[0].lines))]
     for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
         for line, color in zip(panel.lines, colors, strict=True):
-            _swept_line(axes, line, color, told=is_loose and not several, joined=are_numbers)
+            _varied_line(axes, line, color, told=is_loose and not several, joined=are_numbers)
         axes.set_xlabel(x_label)
         axes.set_title(panel.quantity, loc="left", fontsize=10, parse_math=False)
         _scale(axes, ticks, marked=is_loose)
@@ -176,7 +176,7 @@ def _by_seed(
     dress(axes)
 
 
-def _swept_line(axes: Any, line: Line, color: str, *, told: bool, joined: bool) -> None:
+def _varied_line(axes: Any, line: Line, color: str, *, told: bool, joined: bool) -> None:
     """Draw one line: every run as a dot, means with bars, in numbers where there is room."""
     found = sorted((x, values) for x, values in zip(line.x, line.values, strict=True) if values)
     if not found:
@@ -215,7 +215,7 @@ def _is_logarithmic(ticks: Sequence[tuple[float, str]]) -> bool:
 
 
 def _scale(axes: Any, ticks: Sequence[tuple[float, str]], *, marked: bool) -> None:
-    """Mark the swept values along x; those that span far get a logarithmic scale."""
+    """Mark the varied values along x; those that span far get a logarithmic scale."""
     if _is_logarithmic(ticks):
         axes.set_xscale("log")
     if not marked:

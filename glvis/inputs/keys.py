@@ -235,7 +235,7 @@ KEY_TABLES = (
         },
     ),
     KeyTable(
-        "[sweep]",
+        "[vary]",
         "Runs with each of several values, every combination.",
         None,
         {"KEY": "[VALUE, ...]: any key in dots, as objective.kind, mount.*.sensor, or mounts"},

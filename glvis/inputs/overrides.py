@@ -29,7 +29,7 @@ REMOVED = object()  # as a value of Changes: what is there goes
 MOUNTS = "mounts"  # no key of a study: how many of its mounts stay
 
 # Tables that a file may leave out and an override may open.
-_TABLES = ("scene", "visibility", "objective", "swarm", "search", "sweep")
+_TABLES = ("scene", "visibility", "objective", "swarm", "search", "vary")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _MOST_EDITED = 30_000  # letters; the time that tomlkit takes may grow with their square
 _NAME = re.compile(r"[^\W\d]\w*")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import (
     AfterValidator,
@@ -323,14 +323,15 @@ def _table_of(options: Any) -> type[Table]:
     hints = get_type_hints(options)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(options):
-        hint = hints[field.name]
+        hint, default = hints[field.name], cast(Any, field.default)
         if hint == tuple[float, float]:
             hint = Annotated[
                 list[float], within("be [low, high]", lambda v: len(v) == 2), AfterValidator(tuple)
             ]
+            default = list(default)
         if field.name in MOST:
             hint = Annotated[hint, at_most(MOST[field.name])]
-        fields[field.name] = (hint, field.default)
+        fields[field.name] = (hint, default)
     return create_model(f"{options.__name__}Table", __base__=Table, **fields)
 
 
@@ -356,7 +357,7 @@ class StudyTable(Table):
     objective: ObjectiveTable = ObjectiveTable()
     swarm: SwarmTable = SwarmTable()
     search: SearchTable = SearchTable()
-    sweep: dict[str, Any] = {}  # of several runs; ``sweep.py`` reads it
+    vary: dict[str, Any] = {}  # of several runs; ``vary.py`` reads it
 
     def swarm_options(self) -> SwarmOptions:
         """Return the options of the swarm; what the table leaves open has its default."""

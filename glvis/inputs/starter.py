@@ -7,6 +7,7 @@ from pathlib import Path
 
 from glvis.errors import MachineError, StudyError
 from glvis.hints import command
+from glvis.inputs.json_schema import DIRECTIVE, SCHEMA_FILE, schema_text
 from glvis.inputs.starter_layout import KNOWN_SENSORS, PLACES, short
 from glvis.inputs.starter_meshes import ROOM, arm, room, write_stl
 from glvis.inputs.starter_study import ALL_GUESSED, Choices, study_of_meshes
@@ -33,6 +34,8 @@ def write_starter(
     on_remark: Callable[[str], None] = lambda line: None,
 ) -> Path:
     """Write a study and, for an example, its mesh into a folder; return the study's path.
+
+    Beside it lies the schema that its first line names to editors.
 
     What is not given is guessed from the files.
 
@@ -79,7 +82,8 @@ def write_starter(
         directory.mkdir(parents=True, exist_ok=True)
         if triangles is not None:
             write_stl(directory / f"{mesh_name}.stl", triangles)
-        path.write_text(text, encoding="utf-8")
+        (directory / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")  # for editors
+        path.write_text(f"{DIRECTIVE}\n{text}", encoding="utf-8")
     except (FileExistsError, NotADirectoryError):
         raise StudyError(f"{directory}: cannot be a folder: there is a file") from None
     except OSError as error:

@@ -6,6 +6,7 @@ key, what it got, what is allowed.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -34,6 +35,7 @@ from glvis.optim.search_options import SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.sight.visibility import VisibilityOptions, render_resolution
 
+_SCHEMA_LINE = re.compile(r"(#:schema +)([^:\s][^:\n]*)(?=\n)")  # by a path, not by an URL
 _MOST_PIXELS = 1 << 26  # of an image that decides; one takes about 14 bytes a pixel
 
 
@@ -68,9 +70,9 @@ class Study:
         How the swarm searches.
     search : SearchOptions
         Which method searches, and what it may spend.
-    sweep : dict
-        The table ``[sweep]`` as written: no part of this study, nor of ``text``; see
-        ``sweep.plan_runs``.
+    vary : dict
+        The table ``[vary]`` as written: no part of this study, nor of ``text``; see
+        ``vary.plan_runs``.
     assumed : tuple of str
         Keys that the file leaves to their defaults and ``text`` names, such as "search.method".
     """
@@ -88,7 +90,7 @@ class Study:
     objective: Objective
     swarm: SwarmOptions
     search: SearchOptions = field(default_factory=SearchOptions)
-    sweep: Mapping[str, Any] = field(default_factory=dict)
+    vary: Mapping[str, Any] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -155,6 +157,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     with _located(f"{path}: "):
         source = _read_text(path)
         data = toml_tables(source)
+        if "sweep" in data:
+            raise StudyError("[sweep] is called [vary] now: rename the table, its keys stay")
         data, changes = overridden(data, overrides)
         data = with_plain_lengths(data)
         try:
@@ -193,12 +197,12 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     told["search.method"] = search.method
     assumed = tuple(key for key in told if not _names(data, key))
     changes |= {tuple(key.split(".")): told[key] for key in assumed}
-    if "sweep" in data:
-        changes = {path: new for path, new in changes.items() if path[0] != "sweep"}
-        changes["sweep",] = REMOVED
+    if "vary" in data:
+        changes = {path: new for path, new in changes.items() if path[0] != "vary"}
+        changes["vary",] = REMOVED
     return Study(
         path=path,
-        text=written(source, changes),
+        text=_with_absolute_schema(written(source, changes), folder),
         title=table.title or in_one_line(path.stem),
         unit=table.unit,
         up=rig.up,
@@ -210,7 +214,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         objective=objective,
         swarm=swarm,
         search=search,
-        sweep=table.sweep,
+        vary=table.vary,
         assumed=assumed,
     )
 
@@ -234,6 +238,12 @@ def _read_text(path: Path) -> str:
         raise StudyError(f"is no text in UTF-8 (byte {error.start})") from None
     except OSError as error:
         raise StudyError(f"cannot be read: {error.strerror}") from None
+
+
+def _with_absolute_schema(text: str, folder: Path) -> str:
+    """Return a study whose first line, if it names a schema beside the study, is true elsewhere."""
+    found = _SCHEMA_LINE.match(text)
+    return f"{found[1]}{folder / found[2]}{text[found.end() :]}" if found else text
 
 
 def _names(data: Mapping[str, Any], key: str) -> bool:

@@ -38,7 +38,8 @@ INDEX = "result.json"  # names every file of the result; written last
 CHECKPOINT = "checkpoint.npz"
 STUDY = "study.toml"
 VIEWS, EXPORTS = "views", "exports"  # folders inside
-SERIES = ("sweep.json", "repeats.json")  # the index of a folder with many runs
+# The index of a folder with many runs; the last one is by builds that said sweep for vary.
+SERIES = ("vary.json", "repeats.json", "sweep.json")
 _MOST_BYTES = 16_000_000  # of an index; of sixty sensors and two hundred models it has 500 kB
 STAGING, RENEWAL = "unfinished", "unfinished-files"  # of a run; of what goes with results
 OWN = (STAGING, RENEWAL, LOCK)  # what may be left over from a process that was killed

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from glvis.inputs.values import FARTHEST, Title, between, within
 
@@ -135,7 +135,11 @@ class SeriesIndex(_Record):
     """What of a series' index leads to its runs."""
 
     title: Title
-    sweep: Annotated[dict[str, Any], within("hold no null", lambda v: not _has_null(v))]
+    vary: Annotated[
+        dict[str, Any],
+        within("hold no null", lambda v: not _has_null(v)),
+        Field(validation_alias=AliasChoices("vary", "sweep")),  # the second by earlier builds
+    ]
     repeats: Annotated[int, between(1, 2**62)]
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from glvis.errors import StudyError
 from glvis.inputs.complaints import checked
 from glvis.inputs.study import Study, load_study
-from glvis.inputs.sweep import Plan, PlannedRun, plan_runs
+from glvis.inputs.vary import Plan, PlannedRun, plan_runs
 from glvis.optim.placement import INTERRUPTED, Placement
 from glvis.outputs.delivery import deliver
 from glvis.outputs.folder import (
@@ -74,7 +74,7 @@ def read_series(directory: Path, repeats: int | None = None) -> Plan:
     except ValueError as error:
         raise StudyError(f"{path}: is no series of glvis: {error}") from None
     before = index.repeats
-    study = replace(load_study(directory / STUDY), title=index.title, sweep=index.sweep)
+    study = replace(load_study(directory / STUDY), title=index.title, vary=index.vary)
     if repeats is not None and repeats < before:
         raise StudyError(f"{directory}: has {before} repeats, --repeats can only add to them")
     return plan_runs(study, repeats=repeats or before)
@@ -93,7 +93,7 @@ def series_folder(
     plan : Plan
         All runs.
     text : str
-        The study without its ``[sweep]``.
+        The study without its ``[vary]``.
     overwrite : bool
         Take the place of a series that is there.
 

@@ -7,17 +7,20 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from glvis.drawing.seriesplots import Line, Panel, TracedRun, write_repeats, write_sweep
+from glvis.drawing.seriesplots import Line, Panel, TracedRun, write_repeats, write_vary
 from glvis.inputs.overrides import toml_text
-from glvis.inputs.sweep import Plan, key_label, label_of, value_text
+from glvis.inputs.vary import Plan, key_label, label_of, value_text
 from glvis.outputs.folder import SERIES, write_index
 from glvis.outputs.journal import machine_errors, whole_file
 from glvis.outputs.reading import read_trace
 from glvis.outputs.result import SCHEMA, TRACE, versions, write_csv
 from glvis.outputs.spread import Apart, Spread, Statistic, outcomes_of, spread
 
-RUNS = "runs.csv"  # of a sweep, whose own table has a row a point
-FILES = (RUNS, *SERIES, "sweep.csv", "sweep.png", "repeats.csv", "repeats.png")
+RUNS = "runs.csv"  # beside the table of varied keys, which has a row a point
+FILES = (
+    *(RUNS, *SERIES, "vary.csv", "vary.png", "repeats.csv", "repeats.png"),
+    *("sweep.csv", "sweep.png"),  # of earlier builds
+)
 _NUMBERS = (
     *("value", "percentage", "area_percentage"),
     *("iterations", "evaluations", "maps_rendered"),
@@ -26,8 +29,8 @@ _DISTANCES = tuple(Apart.__dataclass_fields__)
 
 
 def kind_of(plan: Plan) -> str:
-    """Return what the files of a series are called: "sweep" or "repeats"."""
-    return "sweep" if plan.sweep else "repeats"
+    """Return what the files of a series are called: "vary" or "repeats"."""
+    return "vary" if plan.vary else "repeats"
 
 
 def write_series(directory: Path, plan: Plan) -> list[Spread]:
@@ -53,12 +56,12 @@ def write_series(directory: Path, plan: Plan) -> list[Spread]:
             row = [run.name, *map(_cell, run.point.values.values()), run.seed, *numbers.values()]
             rows.append([*row, *distances.values(), found.stop_reason])
         entries.append(entry)
-    kind, keys, points = kind_of(plan), list(plan.sweep), [_point_entry(one) for one in spreads]
+    kind, keys, points = kind_of(plan), list(plan.vary), [_point_entry(one) for one in spreads]
     header = ["run", *keys, "seed", *_NUMBERS]
     header += [f"{name}_from_best" for name in _DISTANCES] + ["stop_reason"]
     with machine_errors(directory):
-        _write_table(directory / (RUNS if plan.sweep else f"{kind}.csv"), header, rows)
-        if plan.sweep:
+        _write_table(directory / (RUNS if plan.vary else f"{kind}.csv"), header, rows)
+        if plan.vary:
             _write_table(directory / f"{kind}.csv", *_table_of_points(keys, spreads))
         write_index(
             directory / f"{kind}.json",
@@ -66,12 +69,12 @@ def write_series(directory: Path, plan: Plan) -> list[Spread]:
                 "glvis_schema": SCHEMA,
                 "title": plan.title,
                 "unit": plan.unit,
-                "sweep": dict(plan.sweep),
+                "vary": dict(plan.vary),
                 "repeats": plan.repeats,
                 "planned": len(plan.runs),
                 "finished": sum(len(one.outcomes) for one in spreads),
-                # of a sweep each point has its own: more sensors see more, and say nothing
-                "best": None if plan.sweep else points[0]["best"],
+                # each point of varied keys has its own: more sensors see more, and say nothing
+                "best": None if plan.vary else points[0]["best"],
                 "points": points,
                 "runs": entries,
                 "versions": versions(),
@@ -81,12 +84,12 @@ def write_series(directory: Path, plan: Plan) -> list[Spread]:
 
 
 def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
-    """Write ``repeats.png`` or ``sweep.png``, if any run has finished."""
+    """Write ``repeats.png`` or ``vary.png``, if any run has finished."""
     if not any(one.outcomes for one in spreads):
         return
     path = directory / f"{kind_of(plan)}.png"
     quantities = {one.point.quantity for one in spreads}
-    if not plan.sweep:
+    if not plan.vary:
         runs = []
         for one in spreads[0].outcomes:
             trace = read_trace(directory / one.run.name / TRACE)
@@ -105,26 +108,26 @@ def write_plot(directory: Path, plan: Plan, spreads: Sequence[Spread]) -> None:
         shown, names["value"] = ["value", "percentage"], quantities.pop()
     panels = [Panel(names[name], _lines(plan, spreads, name)) for name in shown]
     with machine_errors(directory), whole_file(path) as part:
-        write_sweep(
+        write_vary(
             part,
             panels,
             title=plan.title,
             x_label=key_label(key, plan.unit),
-            ticks=_ticks(plan.sweep[key]),
-            are_numbers=_are_numbers(plan.sweep[key]),
+            ticks=_ticks(plan.vary[key]),
+            are_numbers=_are_numbers(plan.vary[key]),
         )
 
 
 def _along(plan: Plan) -> str:
     """Return the key that the plot has along x: the first one of numbers, if there is any."""
-    numbers = (key for key, values in plan.sweep.items() if _are_numbers(values))
-    return next(numbers, next(iter(plan.sweep)))
+    numbers = (key for key, values in plan.vary.items() if _are_numbers(values))
+    return next(numbers, next(iter(plan.vary)))
 
 
 def _lines(plan: Plan, spreads: Sequence[Spread], name: str) -> list[Line]:
     """Return a line for each combination of the other keys, along one of them."""
     along = _along(plan)
-    places = [place for place, _ in _ticks(plan.sweep[along])]
+    places = [place for place, _ in _ticks(plan.vary[along])]
     lines: dict[str, Line] = {}
     for one in spreads:
         others = {key: value for key, value in one.point.values.items() if key != along}
@@ -134,7 +137,7 @@ def _lines(plan: Plan, spreads: Sequence[Spread], name: str) -> list[Line]:
 
 
 def _ticks(values: Sequence[Any]) -> list[tuple[float, str]]:
-    """Return where swept values lie along an axis: numbers at their place, the rest in order."""
+    """Return where varied values lie along an axis: numbers at their place, the rest in order."""
     if _are_numbers(values):
         return [(float(value), f"{value:g}") for value in values]
     return [(float(place), value_text(value).strip("'")) for place, value in enumerate(values)]
@@ -145,14 +148,14 @@ def _are_numbers(values: Sequence[Any]) -> bool:
 
 
 def _cell(value: Any) -> Any:
-    """Return a swept value as a cell of a table."""
+    """Return a varied value as a cell of a table."""
     return value if isinstance(value, int | float | str) else toml_text(value)
 
 
 def _table_of_points(
     keys: Sequence[str], spreads: Sequence[Spread]
 ) -> tuple[list[str], list[list[Any]]]:
-    """Return header and rows of a sweep."""
+    """Return header and rows of the table of points."""
     header = [*keys, "sensors", "variables", "finished", "best"]
     names, parts = ("value", "percentage", "area_percentage"), Statistic.__dataclass_fields__
     header += [f"{name}_{part}" for name in names for part in parts]

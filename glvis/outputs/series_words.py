@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from glvis.hints import command
-from glvis.inputs.sweep import Plan, PlannedRun, value_text
+from glvis.inputs.vary import Plan, PlannedRun, value_text
 from glvis.outputs.series_tables import kind_of
 from glvis.outputs.spread import Apart, Spread, Statistic
 from glvis.terminal import table
@@ -31,7 +31,7 @@ def plan_lines(plan: Plan) -> Iterator[str]:
             )
         )
     header = ("runs", "seeds", "sensors", "variables", "maps a run, at most", "maps")
-    yield from table((*plan.sweep, *header), rows)
+    yield from table((*plan.vary, *header), rows)
     yield (
         f"At most {sum(run.point.run_maps for run in runs):,} maps in all, and at most as "
         "many again to learn what is within reach"
@@ -48,8 +48,8 @@ def series_lines(plan: Plan, spreads: Sequence[Spread], directory: Path) -> Iter
     """Yield what a series has found so far."""
     if not any(one.outcomes for one in spreads):
         yield "No run has finished"
-    elif plan.sweep:
-        yield from _sweep_lines(plan, spreads)
+    elif plan.vary:
+        yield from _vary_lines(plan, spreads)
     else:
         yield from _repeat_lines(plan, spreads[0], directory)
     finished, kind = sum(len(one.outcomes) for one in spreads), kind_of(plan)
@@ -91,12 +91,12 @@ def _repeat_lines(plan: Plan, found: Spread, directory: Path) -> Iterator[str]:
     yield f"Best: {directory / found.best.run.name}"
 
 
-def _sweep_lines(plan: Plan, spreads: Sequence[Spread]) -> Iterator[str]:
+def _vary_lines(plan: Plan, spreads: Sequence[Spread]) -> Iterator[str]:
     """Yield a row a point."""
     quantities = {one.point.quantity for one in spreads}
     kind = quantities.pop() if len(quantities) == 1 else "value"
     several = plan.repeats > 1
-    header = [*plan.sweep, "sensors", "runs", kind]
+    header = [*plan.vary, "sensors", "runs", kind]
     header += ["std", "best", "seen %", "std", "area %"] if several else ["seen %", "area %"]
     header += [f"apart [{plan.unit}]", "best run"] if several else ["run"]
     rows: list[list[object]] = []
@@ -129,9 +129,9 @@ def _angle(far: Apart) -> str:
 
 def _what(plan: Plan) -> str:
     """Return how a series comes to its number of runs."""
-    combinations = _counted(len(plan.points), "combination") + " of the swept values"
+    combinations = _counted(len(plan.points), "combination") + " of the varied values"
     seeds = f"{plan.repeats} seeds"
-    if not plan.sweep:
+    if not plan.vary:
         return seeds if plan.repeats > 1 else "one seed"
     return f"{combinations}, {seeds} each" if plan.repeats > 1 else combinations
 

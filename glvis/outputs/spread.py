@@ -15,7 +15,7 @@ from glvis.camera import distance_and_angle
 from glvis.errors import StudyError
 from glvis.inputs.estimate import working_distance
 from glvis.inputs.sensor import Sensor
-from glvis.inputs.sweep import Plan, PlannedRun, Point
+from glvis.inputs.vary import Plan, PlannedRun, Point
 from glvis.optim.placement import INTERRUPTED
 from glvis.outputs.folder import INDEX
 from glvis.outputs.reading import result_index

@@ -1,6 +1,6 @@
-"""Several runs of one study as a list: the combinations of ``[sweep]``, each with several seeds.
+"""Several runs of one study as a list: the combinations of ``[vary]``, each with several seeds.
 
-A swept key is one that an override takes, so each run is the study with a few overrides, and all
+A varied key is one that an override takes, so each run is the study with a few overrides, and all
 of them are read before the first one starts.
 """
 
@@ -32,12 +32,12 @@ _LENGTHS = ("min_distance", "max_distance", "radius", "height")  # keys in the s
 
 @dataclass(frozen=True)
 class Point:
-    """One combination of the swept values.
+    """One combination of the varied values.
 
     Attributes
     ----------
     values : dict of str to value
-        By swept key; empty where nothing is swept.
+        By varied key; empty where nothing varies.
     settings : tuple of str
         The same as overrides.
     sensors : tuple of Sensor
@@ -96,8 +96,8 @@ class Plan:
     ----------
     title, unit : str
         Of the study.
-    sweep : dict of str to list
-        Values by swept key.
+    vary : dict of str to list
+        Values by varied key.
     points : tuple of Point
         Every combination, the last key changing fastest.
     repeats : int
@@ -106,7 +106,7 @@ class Plan:
 
     title: str
     unit: str
-    sweep: Mapping[str, list[Any]]
+    vary: Mapping[str, list[Any]]
     points: tuple[Point, ...]
     repeats: int
 
@@ -123,9 +123,9 @@ class Plan:
 
 
 def plan_runs(
-    study: Study, overrides: Sequence[str] = (), sweeps: Sequence[str] = (), repeats: int = 1
+    study: Study, overrides: Sequence[str] = (), options: Sequence[str] = (), repeats: int = 1
 ) -> Plan:
-    """Return all runs that a study, its ``[sweep]`` and the command line ask for.
+    """Return all runs that a study, its ``[vary]`` and the command line ask for.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ def plan_runs(
         As it stands; its file is read again for every point.
     overrides : sequence of str
         What it was read with.
-    sweeps : sequence of str
-        Keys to sweep as well, such as "mounts=2,3,4"; they go before those of the file.
+    options : sequence of str
+        Keys to vary as well, such as "mounts=2,3,4"; they go before those of the file.
     repeats : int
         Runs of each point, with the study's seed and those that follow it.
 
@@ -144,38 +144,38 @@ def plan_runs(
         If a key is unknown or its values are no list, a study of a point cannot be run, or
         repeats would all be the same.
     """
-    sweep = _lists(study.sweep, f"{study.path}: [sweep]") | dict(map(_from_option, sweeps))
+    vary = _lists(study.vary, f"{study.path}: [vary]") | dict(map(_from_option, options))
     folder = study.path.resolve().parent  # runs are read from a copy of the study elsewhere
-    for key in _FILES & sweep.keys():
-        sweep[key] = [_absolute(names, folder) for names in sweep[key]]
-    if repeats > 1 and _SEED in sweep:
+    for key in _FILES & vary.keys():
+        vary[key] = [_absolute(names, folder) for names in vary[key]]
+    if repeats > 1 and _SEED in vary:
         raise StudyError(
-            f"{study.path}: [sweep] {_SEED}: repeats have seeds of their own; take one of the two"
+            f"{study.path}: [vary] {_SEED}: repeats have seeds of their own; take one of the two"
         )
-    planned = repeats * math.prod(len(values) for values in sweep.values())
+    planned = repeats * math.prod(len(values) for values in vary.values())
     if planned > _MOST_RUNS:
         raise StudyError(
-            f"{study.path}: [sweep] asks for {planned:,} runs, at most {_MOST_RUNS:,} can be "
-            "planned at once; sweep fewer values, or one part after the other"
+            f"{study.path}: [vary] asks for {planned:,} runs, at most {_MOST_RUNS:,} can be "
+            "planned at once; vary fewer values, or one part after the other"
         )
     if planned > _MANY_RUNS:
         _LOG.info("Reading the study of each of %d runs ...", planned // repeats)
-    points = tuple(_points(study, overrides, sweep))
+    points = tuple(_points(study, overrides, vary))
     if repeats > 1 and not all(point.variables for point in points):
         raise StudyError(
             f"{study.path}: there is nothing to search, so that all repeats would be the same; "
             "free a number by { min, max, start }"
         )
-    return Plan(study.title, study.unit, sweep, points, repeats)
+    return Plan(study.title, study.unit, vary, points, repeats)
 
 
 def label_of(values: Mapping[str, Any]) -> str:
-    """Return swept values in words: "mounts = 2, objective.kind = 'of1'"."""
+    """Return varied values in words: "mounts = 2, objective.kind = 'of1'"."""
     return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())
 
 
 def value_text(value: Any) -> str:
-    """Return a swept value as people write it; of a file its name."""
+    """Return a varied value as people write it; of a file its name."""
     if isinstance(value, str):
         return f"'{value.rpartition('/')[2]}'"
     if isinstance(value, list):
@@ -184,7 +184,7 @@ def value_text(value: Any) -> str:
 
 
 def key_label(key: str, unit: str) -> str:
-    """Return what a swept key stands for, with its unit where that is known."""
+    """Return what a varied key stands for, with its unit where that is known."""
     parts = key.split(".")
     if key == "mounts":
         return "number of mounts"
@@ -194,11 +194,11 @@ def key_label(key: str, unit: str) -> str:
 
 
 def _points(
-    study: Study, overrides: Sequence[str], sweep: Mapping[str, list[Any]]
+    study: Study, overrides: Sequence[str], vary: Mapping[str, list[Any]]
 ) -> Iterator[Point]:
     """Yield every combination of values, its study read and checked."""
-    for combination in itertools.product(*sweep.values()):
-        values = dict(zip(sweep, combination, strict=True))
+    for combination in itertools.product(*vary.values()):
+        values = dict(zip(vary, combination, strict=True))
         settings = tuple(f"{key}={toml_text(value)}" for key, value in values.items())
         one = study
         if values:
@@ -207,7 +207,7 @@ def _points(
             except StudyError as error:
                 fact = str(error).removeprefix(f"{study.path}: ")
                 raise StudyError(
-                    f"{study.path}: [sweep] with {shortened(label_of(values), 200)}: {fact}"
+                    f"{study.path}: [vary] with {shortened(label_of(values), 200)}: {fact}"
                 ) from error
         yield Point(
             values,
@@ -221,7 +221,7 @@ def _points(
 
 
 def _lists(table: Mapping[str, Any], where: str) -> dict[str, list[Any]]:
-    """Return the lists of values in a table ``[sweep]`` by dotted key, or refuse what is none."""
+    """Return the lists of values in a table ``[vary]`` by dotted key, or refuse what is none."""
     found = dict(_leaves(table))
     for key, values in found.items():
         if not isinstance(values, list):
@@ -264,7 +264,7 @@ def _from_option(text: str) -> tuple[str, list[Any]]:
     """Return key and values of "mounts=2,3,4" or "objective.kind=of1,of2"."""
     key, equals, listed = text.partition("=")
     if not equals or not listed.strip():
-        raise StudyError(f"--sweep '{shortened(text)}' must have the form KEY=VALUE,VALUE,...")
+        raise StudyError(f"--vary '{shortened(text)}' must have the form KEY=VALUE,VALUE,...")
     try:
         values = toml_tables(f"values = [{listed}]")["values"]
     except ValueError:
@@ -272,4 +272,4 @@ def _from_option(text: str) -> tuple[str, list[Any]]:
     if len(values) == 1 and isinstance(values[0], list):
         values = values[0]  # somebody wrote the brackets of the file
     key = key.strip()
-    return key, _lists({key: values}, "--sweep")[key]
+    return key, _lists({key: values}, "--vary")[key]

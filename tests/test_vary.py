@@ -10,11 +10,11 @@ from studies import SMALL, write_small_study
 
 from glvis.errors import StudyError
 from glvis.inputs.study import load_study
-from glvis.inputs.sweep import key_label, plan_runs
+from glvis.inputs.vary import key_label, plan_runs
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
-SWEEP = """
-[sweep]
+VARY = """
+[vary]
 mounts = [1, 2]
 swarm.particles = [4, 6, 8]
 """
@@ -24,9 +24,9 @@ swarm.particles = [4, 6, 8]
 def planned(tmp_path):
     """Plan the runs of the small study with some text at its end."""
 
-    def plan(text="", *sweeps, repeats=1, overrides=()):
+    def plan(text="", *options, repeats=1, overrides=()):
         path = write_small_study(tmp_path, SMALL + text)
-        return plan_runs(load_study(path, overrides), overrides, sweeps, repeats)
+        return plan_runs(load_study(path, overrides), overrides, options, repeats)
 
     return plan
 
@@ -36,7 +36,7 @@ def studies(plan, path):
 
 
 def test_several_keys_are_a_grid_and_each_run_is_an_ordinary_study(planned, tmp_path):
-    plan = planned(SWEEP)
+    plan = planned(VARY)
     assert [point.values for point in plan.points] == [
         {"mounts": n, "swarm.particles": p} for n, p in itertools.product([1, 2], [4, 6, 8])
     ]
@@ -49,19 +49,19 @@ def test_several_keys_are_a_grid_and_each_run_is_an_ordinary_study(planned, tmp_
         assert study.title == f"Two cubes ({point.label})"
         assert (point.sensors, point.variables) == (study.sensors, 1)
         assert point.run_maps == study.swarm.particles * 3 * len(study.sensors) * 2
-        assert "sweep" not in tomllib.loads(study.text)
+        assert "vary" not in tomllib.loads(study.text)
 
 
 @pytest.mark.parametrize(
-    ("text", "sweeps"),
+    ("text", "options"),
     [
         ("", ["mount.*.sensor=eye,d415"]),
         ("", ["mount.*.sensor=['eye', 'd415']"]),
-        ("[sweep]\n'mount.*.sensor' = ['eye', 'd415']\n", []),
+        ("[vary]\n'mount.*.sensor' = ['eye', 'd415']\n", []),
     ],
 )
-def test_a_star_sweeps_every_mount(planned, tmp_path, text, sweeps):
-    plan = planned(text, *sweeps)
+def test_a_star_varies_every_mount(planned, tmp_path, text, options):
+    plan = planned(text, *options)
     assert [point.label for point in plan.points] == [
         "mount.*.sensor = 'eye'", "mount.*.sensor = 'd415'",
     ]  # fmt: skip
@@ -71,7 +71,7 @@ def test_a_star_sweeps_every_mount(planned, tmp_path, text, sweeps):
 
 
 def test_repeats_have_the_seeds_that_follow_and_more_of_them_come_last(planned, tmp_path):
-    few, many = planned(SWEEP, repeats=2), planned(SWEEP, repeats=3)
+    few, many = planned(VARY, repeats=2), planned(VARY, repeats=3)
     assert many.runs[: len(few.runs)] == few.runs
     assert [run.seed for run in many.runs] == [1] * 6 + [2] * 6 + [3] * 6
     kept = studies(many, tmp_path / "study.toml")
@@ -81,29 +81,29 @@ def test_repeats_have_the_seeds_that_follow_and_more_of_them_come_last(planned, 
 
 def test_repeats_alone_leave_the_study_as_it_is_but_for_the_seed(planned, tmp_path):
     plan = planned(repeats=2)
-    assert not plan.sweep and [run.point.values for run in plan.runs] == [{}, {}]
+    assert not plan.vary and [run.point.values for run in plan.runs] == [{}, {}]
     second = studies(plan, tmp_path / "study.toml")[1]
     assert second.text == load_study(tmp_path / "study.toml", ["swarm.seed=2"]).text
 
 
 @pytest.mark.parametrize(
-    ("text", "sweeps"),
+    ("text", "options"),
     [
-        ("[sweep]\nobjective.kind = ['of1', 'of2']", []),
-        ("[sweep]\n'objective.kind' = ['of1', 'of2']", []),
-        ("[sweep.objective]\nkind = ['of1', 'of2']", []),
+        ("[vary]\nobjective.kind = ['of1', 'of2']", []),
+        ("[vary]\n'objective.kind' = ['of1', 'of2']", []),
+        ("[vary.objective]\nkind = ['of1', 'of2']", []),
         ("", ["objective.kind=of1,of2"]),
         ("", ["objective.kind='of1', 'of2'"]),
-        ("[sweep]\nobjective.kind = ['of3']", ["objective.kind=of1,of2"]),
+        ("[vary]\nobjective.kind = ['of3']", ["objective.kind=of1,of2"]),
     ],
 )
-def test_a_key_may_be_written_in_several_ways(planned, text, sweeps):
-    assert dict(planned(text, *sweeps).sweep) == {"objective.kind": ["of1", "of2"]}
+def test_a_key_may_be_written_in_several_ways(planned, text, options):
+    assert dict(planned(text, *options).vary) == {"objective.kind": ["of1", "of2"]}
 
 
 def test_any_value_may_change(planned, tmp_path):
     plan = planned(
-        "[sweep]\nscene.models = [['cube.off'], ['cube.off', 'small.off']]\n"
+        "[vary]\nscene.models = [['cube.off'], ['cube.off', 'small.off']]\n"
         "mount.A.position.1 = [3, {min = 1, max = 4}]\n'sensor.eye.resolution' = [[32, 32]]\n"
     )
     found = studies(plan, tmp_path / "study.toml")
@@ -113,8 +113,8 @@ def test_any_value_may_change(planned, tmp_path):
 
 
 def test_option_with_one_list_in_brackets_means_its_entries(planned):
-    assert planned("", "mounts=[1, 2]").sweep == {"mounts": [1, 2]}
-    assert planned("", "swarm.inertia=[0.1,1],[0.2,1]").sweep == {
+    assert planned("", "mounts=[1, 2]").vary == {"mounts": [1, 2]}
+    assert planned("", "swarm.inertia=[0.1,1],[0.2,1]").vary == {
         "swarm.inertia": [[0.1, 1], [0.2, 1]]
     }
 
@@ -149,58 +149,58 @@ def test_variable_stays_where_another_one_needs_it(tmp_path, variables, kept):
     assert {v.name for v in cut.variables} == kept
 
 
-def test_overrides_hold_for_every_run_and_swept_keys_go_before_them(planned, tmp_path):
-    plan = planned(SWEEP, overrides=["mount.A.roll_deg=5", "swarm.particles=99"])
+def test_overrides_hold_for_every_run_and_varied_keys_go_before_them(planned, tmp_path):
+    plan = planned(VARY, overrides=["mount.A.roll_deg=5", "swarm.particles=99"])
     assert [point.run_maps for point in plan.points] == [48, 72, 96, 72, 108, 144]
 
 
 # text at the end of the study, options, repeats: the line after the study's path
 WRONG = {
-    "no list": ("[sweep]\nmounts = 2", [], 1, "[sweep] mounts = 2 must be a list of values, as"),
-    "empty": ("[sweep]\nmounts = []", [], 1, "[sweep] mounts = [] must hold at least one value"),
-    "twice": ("[sweep]\nmounts = [1, 2, 1]", [], 1, "[sweep] mounts = [1, 2, 1] holds 1 twice"),
+    "no list": ("[vary]\nmounts = 2", [], 1, "[vary] mounts = 2 must be a list of values, as"),
+    "empty": ("[vary]\nmounts = []", [], 1, "[vary] mounts = [] must hold at least one value"),
+    "twice": ("[vary]\nmounts = [1, 2, 1]", [], 1, "[vary] mounts = [1, 2, 1] holds 1 twice"),
     "too many mounts": (
-        "[sweep]\nmounts = [2, 3]", [], 1,
-        "[sweep] with mounts = 3: override 'mounts=3' must be a whole number from 1 to 2, the",
+        "[vary]\nmounts = [2, 3]", [], 1,
+        "[vary] with mounts = 3: override 'mounts=3' must be a whole number from 1 to 2, the",
     ),
     "unknown table": (
-        "[sweep]\nswam.particles = [4]", [], 1,
-        "[sweep] with swam.particles = 4: override 'swam.particles=4' is unknown: there is no",
+        "[vary]\nswam.particles = [4]", [], 1,
+        "[vary] with swam.particles = 4: override 'swam.particles=4' is unknown: there is no",
     ),
     "unknown key": (
         "", ["swarm.particle=4,5"], 1,
-        "[sweep] with swarm.particle = 4: [swarm] unknown key 'particle'; did you mean 'particles'",
+        "[vary] with swarm.particle = 4: [swarm] unknown key 'particle'; did you mean 'particles'",
     ),
     "value not allowed": (
-        "[sweep]\nmounts = [1]\nobjective.kind = ['of1', 'of4']", [], 1,
-        "[sweep] with mounts = 1, objective.kind = 'of4': [objective] kind = 'of4' must be 'of1',",
+        "[vary]\nmounts = [1]\nobjective.kind = ['of1', 'of4']", [], 1,
+        "[vary] with mounts = 1, objective.kind = 'of4': [objective] kind = 'of4' must be 'of1',",
     ),
     "seed and repeats": (
-        "[sweep]\nswarm.seed = [1, 2]", [], 2,
-        "[sweep] swarm.seed: repeats have seeds of their own; take one of the two",
+        "[vary]\nswarm.seed = [1, 2]", [], 2,
+        "[vary] swarm.seed: repeats have seeds of their own; take one of the two",
     ),
     "nothing to search": (
-        "[sweep]\nmount.A.position.0 = [3, 4]", [], 2,
+        "[vary]\nmount.A.position.0 = [3, 4]", [], 2,
         "there is nothing to search, so that all repeats would be the same; free a number by",
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", WRONG)
-def test_wrong_sweep_is_named(planned, tmp_path, kind):
-    text, sweeps, repeats, fact = WRONG[kind]
+def test_wrong_table_is_named(planned, tmp_path, kind):
+    text, options, repeats, fact = WRONG[kind]
     with pytest.raises(StudyError) as error:
-        planned(text, *sweeps, repeats=repeats)
+        planned(text, *options, repeats=repeats)
     assert str(error.value).startswith(f"{tmp_path / 'study.toml'}: {fact}")
 
 
 @pytest.mark.parametrize(
     ("option", "fact"),
     [
-        ("mounts", "--sweep 'mounts' must have the form KEY=VALUE,VALUE,..."),
-        ("mounts=", "--sweep 'mounts=' must have the form KEY=VALUE,VALUE,..."),
-        ("mounts=2,2", "--sweep mounts = [2, 2] holds 2 twice"),
-        ("mounts=[]", "--sweep mounts = [] must hold at least one value"),
+        ("mounts", "--vary 'mounts' must have the form KEY=VALUE,VALUE,..."),
+        ("mounts=", "--vary 'mounts=' must have the form KEY=VALUE,VALUE,..."),
+        ("mounts=2,2", "--vary mounts = [2, 2] holds 2 twice"),
+        ("mounts=[]", "--vary mounts = [] must hold at least one value"),
     ],
 )
 def test_wrong_option_is_named(planned, option, fact):
@@ -218,14 +218,14 @@ def test_wrong_number_of_mounts_is_named(tmp_path, count):
     assert str(error.value) == f"{path}: override 'mounts={count}' {fact}"
 
 
-def test_study_with_a_sweep_is_loaded_as_it_stands(tmp_path):
-    path = write_small_study(tmp_path, SMALL + SWEEP)
+def test_study_with_varied_keys_is_loaded_as_it_stands(tmp_path):
+    path = write_small_study(tmp_path, SMALL + VARY)
     study = load_study(path)
     plain = load_study(write_small_study(tmp_path))
-    assert study.sweep == {"mounts": [1, 2], "swarm": {"particles": [4, 6, 8]}}
+    assert study.vary == {"mounts": [1, 2], "swarm": {"particles": [4, 6, 8]}}
     assert tomllib.loads(study.text) == tomllib.loads(plain.text)
     assert dataclasses.replace(study.swarm) == plain.swarm
-    assert load_study(path, ["sweep.mounts=[1]"]).sweep["mounts"] == [1]
+    assert load_study(path, ["vary.mounts=[1]"]).vary["mounts"] == [1]
 
 
 def test_labels_carry_units_where_they_are_known():
@@ -239,9 +239,9 @@ def test_labels_carry_units_where_they_are_known():
     assert {key: key_label(key, "mm") for key in labels} == labels
 
 
-def test_the_sweep_that_the_arm_study_explains_can_be_run(tmp_path):
+def test_the_varied_keys_that_the_arm_study_explains_can_be_run(tmp_path):
     text = (SCENES / "arm.toml").read_text()
-    head, mark, tail = text.partition("# [sweep]")
+    head, mark, tail = text.partition("# [vary]")
     path = tmp_path / "arm.toml"
     path.write_text(head + (mark + tail).replace("# ", ""))
     overrides = [f"scene.models=['{SCENES / 'arm1.stl'}']", "scene.obstacles=[]"]
