@@ -46,22 +46,25 @@ ARROWS = {
     "scene": "meshfiles welding complaints meshlimits",
     "layout": "expressions",
     "mounts": "camera expressions layout",
+    "visibility": "sensor",
+    "filters": "scene sensor visibility",
+    "occlusion": "",
     "clusters": "scene",
-    "crops": "scene sensor clusters",
-    "coincident": "scene sensor crops",
+    "points": "scene sensor clusters filters occlusion visibility",
+    "coincident": "scene sensor points",
     "context": "errors",
     "surface": "clusters context errors glsl",
-    "views": "camera sensor",
+    "views": "camera sensor filters visibility",
+    "gpu_scene": "scene clusters surface",
+    "culling": "gpu_scene views",
     "renderer": "camera context errors surface views",
-    "culling": "renderer surface views",
-    "points": "scene sensor clusters surface",
-    "batch": "culling points surface views",
-    "caster": "batch clusters context culling points surface views",
-    "visibility": "sensor",
+    "draw": "coincident culling gpu_scene renderer surface views visibility",
+    "trace": "culling filters gpu_scene occlusion points surface views visibility",
+    "paper": "scene culling filters gpu_scene occlusion points views visibility",
+    "batch": "culling filters gpu_scene points surface views",
+    "cast": "sensor batch clusters context culling gpu_scene points surface trace views visibility",
     "pieces": "scene sensor visibility",
     "regions": "scene",
-    "mapper": "scene sensor clusters coincident crops culling points renderer surface views"
-    " visibility",
     "swarm": "box swarm_options",
     "schema": "camera complaints expressions layout objective search_options sensor swarm_options"
     " units values visibility",
@@ -72,10 +75,12 @@ ARROWS = {
     "study": "errors complaints expressions files lengths meshpaths mounts notebook objective"
     " overrides pieces scene schema sensor search_options swarm_options units visibility",
     "winding": "scene welding",
-    "checks": "camera mounts scene study units winding",
-    "selftest": "camera scene caster clusters context culling errors points renderer surface views",
-    "maps": "scene sensor caster clusters context culling mapper renderer selftest surface study"
-    " views visibility",
+    "checks": "camera filters mounts points scene study units winding",
+    "selftest": "camera scene sensor batch cast clusters context culling errors filters gpu_scene"
+    " points renderer surface views",
+    "maps": "scene sensor cast context culling draw gpu_scene paper selftest study trace views"
+    " visibility",
+    "visible_faces": "scene sensor maps visibility",
     "evaluator": "scene sensor context visibility objective study maps",
     "worker": "maps",
     "workers": "context errors maps",
@@ -105,7 +110,7 @@ ARROWS = {
     "framing": "camera",
     "normals": "",
     "shading": "camera context errors framing glsl normals",
-    "coloring": "palette pieces places scene sensor visibility",
+    "coloring": "filters palette pieces places scene sensor visibility",
     "glyphs": "sensor",
     "sheet": "coloring places",
     "plots": "palette",
@@ -119,12 +124,13 @@ ARROWS = {
     "selection": "pieces study visibility",
     "pictures": "coloring plots scenesheets sensorsheets sheet stage study visibility modelsheets"
     " selection",
-    "page": "glsl palette places",
+    "page": "filters glsl palette places",
     "mounting": "camera placement",
     "export_poses": "camera files mounting palette placement result rotations schema study",
     "export_surfaces": "coloring export_poses palette pieces placement rotations scene schema"
     " sensor",
-    "report": "mounting page placement result tables within_reach",
+    "explain": "filters placement scene study visibility",
+    "report": "explain mounting page placement result tables within_reach",
     "delivery": "errors files export_poses export_surfaces folder hints mounting page pictures"
     " placement reading report result selection",
     "spread": "camera errors estimate folder placement sensor vary reading",
@@ -135,7 +141,6 @@ ARROWS = {
     "terminal": "placement",
     "wording": "errors estimate pieces placement study swarm_options tables terminal visibility"
     " within_reach checks winding",
-    "explain": "placement scene sensor study visibility",
     "explain_words": "explain mounting placement tables terminal regions",
     "tolerance": "errors evaluator mounting pieces placement schema visibility",
     "tolerance_words": "mounting pieces placement terminal tolerance",
@@ -160,7 +165,7 @@ ARROWS = {
     " terminal wording workers",
     "__main__": "cli",
     # the public names
-    "__init__": "errors scene sensor study visibility evaluator placement reading result",
+    "__init__": "camera objective visible_faces errors scene sensor study visibility evaluator placement reading result",
 }
 
 # foreign library: the only modules that may talk to it
