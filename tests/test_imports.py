@@ -165,7 +165,8 @@ ARROWS = {
     " terminal wording workers",
     "__main__": "cli",
     # the public names
-    "__init__": "camera objective visible_faces errors scene sensor study visibility evaluator placement reading result",
+    "__init__": "camera errors scene sensor study visibility visible_faces objective evaluator"
+    " placement reading result",
 }
 
 # foreign library: the only modules that may talk to it
