@@ -12,14 +12,13 @@ from small_study import SMALL, write_small_study
 
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
-from glvis.optim.auto import _recombined, _sketches
+from glvis.optim.auto import _combine, _make_surrogate_layouts, restart_block, restart_cost
 from glvis.optim.box import Box
-from glvis.optim.climb import climbed, near, sketched
 from glvis.optim.evaluator import Evaluator
-from glvis.optim.greedy import _drawn, greedy, greedy_alone, mounts_of
+from glvis.optim.greedy import draw, place_greedily, search_greedily, sensor_groups
+from glvis.optim.local_search import optimize_on_surrogate, perturb, search_locally
 from glvis.optim.placement import place_sensors
 from glvis.optim.refine import Steps, refine_alone
-from glvis.optim.rivals import challenge, cost
 from glvis.optim.run import Run
 from glvis.optim.script import Block, Problem, ScriptSearch
 from glvis.optim.search import METHODS
@@ -37,7 +36,7 @@ def problem(moved_by, *, max_maps=1500, seed=1, start=0.1, models=1, most_poses=
         models=models,
         max_maps=max_maps,
         most_poses=most_poses,
-        views=lambda x: [x[sorted(columns)].tobytes() for columns in moved_by],
+        pose_keys=lambda x: [x[sorted(columns)].tobytes() for columns in moved_by],
         rng=np.random.default_rng(seed),
     )
 
@@ -85,11 +84,11 @@ def test_blocks_are_what_moves_together_and_all_that_moves_no_others():
     ]
 
 
-def test_mounts_are_sensors_of_the_same_variables_and_know_whether_they_are_alone():
-    one, other = mounts_of(problem(PAIR))
-    assert one.is_alone and one.sensors == (0,) and one.kind == other.kind
-    one, other = mounts_of(problem(SHARED))
-    assert not one.is_alone and one.sensors == (0, 1) and one.columns.tolist() == [0, 1]
+def test_groups_are_sensors_of_the_same_variables_and_know_whether_they_are_separable():
+    one, other = sensor_groups(problem(PAIR))
+    assert one.is_separable and one.sensors == (0,) and one.kind == other.kind
+    one, other = sensor_groups(problem(SHARED))
+    assert not one.is_separable and one.sensors == (0, 1) and one.columns.tolist() == [0, 1]
     assert one.kind != other.kind
 
 
@@ -148,7 +147,7 @@ def test_greedy_finds_for_each_mount_the_best_of_the_same_poses_at_no_further_co
         return -sum(min(float(np.sum((p - t) ** 2)) for p in places) for t in targets)
 
     task = problem(PAIR, max_maps=600)
-    course = Course(ScriptSearch(greedy_alone, task), cover, PAIR)
+    course = Course(ScriptSearch(search_greedily, task), cover, PAIR)
     search = course.run()
     assert search.best_value > -0.01
     assert search.stop_reason == "finished: greedy choice and exchanges found no more"
@@ -166,7 +165,7 @@ def hills(x, looking):
     return float(np.maximum(low, 2 - 10 * np.linalg.norm(places - 0.8, axis=1)).sum())
 
 
-def told(script, function, sensors):
+def run_script(script, function, sensors):
     """Return what a script returns, and how many positions it asked for."""
     asked, values = 0, None
     try:
@@ -179,19 +178,19 @@ def told(script, function, sensors):
 
 
 def guided(moved_by, function, **settings):
-    """Return a problem whose guess is right."""
+    """Return a problem whose surrogate is right."""
     task = problem(moved_by, **settings)
     everybody = range(len(moved_by))
-    task.guess = lambda x, sensors: np.array([function(row, sensors or everybody) for row in x])
+    task.surrogate = lambda x, sensors: np.array([function(row, sensors or everybody) for row in x])
     return task
 
 
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_climbing_finds_the_top_of_a_bowl_and_sooner_with_a_guess(moved_by, seed):
+def test_local_search_finds_the_top_of_a_bowl_and_sooner_with_a_surrogate(moved_by, seed):
     def from_start(task):
         (value,) = yield task.ask(task.start[None], range(len(moved_by)), "start")
-        yield from climbed(task, task.start, value)
+        yield from search_locally(task, task.start, value)
 
     asked = []
     for task in (problem(moved_by, seed=seed), guided(moved_by, bowl, seed=seed)):
@@ -210,9 +209,9 @@ def ridge(x, looking):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_climbing_follows_a_ridge_where_mounts_must_adapt_to_what_they_share(seed):
+def test_local_search_follows_a_ridge_where_groups_must_adapt_to_what_they_share(seed):
     task = guided(SHARED, ridge, seed=seed, max_maps=1000)
-    search = ScriptSearch(lambda task: climbed(task, task.start, -np.inf), task)
+    search = ScriptSearch(lambda task: search_locally(task, task.start, -np.inf), task)
     Course(search, ridge, SHARED).run()
     assert search.best_value > -0.05  # by steps of a whole block -0.24 at best
 
@@ -220,7 +219,7 @@ def test_climbing_follows_a_ridge_where_mounts_must_adapt_to_what_they_share(see
 def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
     task = problem(SHARED, start=0.5)
     for block in task.blocks:
-        moved = near(task, task.start[None], block.columns, 500)[0] - task.start
+        moved = perturb(task, task.start[None], block.columns, 500)[0] - task.start
         columns = list(block.columns)
         assert not np.delete(moved, columns, axis=1).any()
         assert (moved[:, columns] != 0).any(axis=1).all()  # one at least
@@ -229,45 +228,45 @@ def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
         assert np.abs(moved).max() <= 0.5
 
 
-def test_sketches_end_where_the_guess_is_best_each_by_itself():
+def test_layouts_end_where_the_surrogate_is_best_each_by_itself():
     task = guided(PAIR, hills)
     begin = np.array([[0.2, 0.2, 0.2, 0.2], [0.7, 0.75, 0.1, 0.1], [0.9, 0.9, 0.9, 0.9]])
     kept = begin.copy()
-    climbed_on, guesses = sketched(task, begin, task.blocks, 30, with_leaps=False)
-    leapt, _ = sketched(task, begin, task.blocks, 30, with_leaps=True)
+    improved, predicted = optimize_on_surrogate(task, begin, task.blocks, 30, with_restarts=False)
+    restarted, _ = optimize_on_surrogate(task, begin, task.blocks, 30, with_restarts=True)
     assert np.array_equal(begin, kept)
-    assert np.array_equal(guesses, task.guess(climbed_on, None))
-    assert task.guess(climbed_on, None) == pytest.approx([2, 3, 4], abs=0.1)
-    assert task.guess(leapt, None) == pytest.approx([4, 4, 4], abs=0.2)
-    one, _ = sketched(task, begin, [task.blocks[1]], 5, with_leaps=True)
+    assert np.array_equal(predicted, task.surrogate(improved, None))
+    assert task.surrogate(improved, None) == pytest.approx([2, 3, 4], abs=0.1)
+    assert task.surrogate(restarted, None) == pytest.approx([4, 4, 4], abs=0.2)
+    one, _ = optimize_on_surrogate(task, begin, [task.blocks[1]], 5, with_restarts=True)
     assert np.array_equal(one[:, :2], begin[:, :2])
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_sketches_come_with_their_own_values(seed):
+def test_layouts_of_the_surrogate_come_with_their_own_values(seed):
     task = guided(PAIR, hills, seed=seed, max_maps=4000)
-    runs, _ = told(_sketches(task, 0.3, 2, 8), hills, range(2))
+    runs, _ = run_script(_make_surrogate_layouts(task, 0.3, 2, 8), hills, range(2))
     assert len(runs) > 2 * 32  # those given up on the way are among them
     assert [value for _, value in runs] == [hills(x, range(2)) for x, _ in runs]
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_rivals_find_the_hill_that_climbing_does_not_lead_to(seed):
-    def challenged(task):  # by rivals that no guess helps, then climbed from
+def test_restarts_find_the_hill_that_local_search_does_not_lead_to(seed):
+    def restarted(task):  # without a surrogate, then improved by local search
         x, value = task.start, hills(task.start, (0, 1))
-        while task.left() > cost(task, task.blocks[1]):
-            rival, rivals_value = yield from challenge(task, x, task.blocks[1])
-            assert np.array_equal(rival[:2], x[:2])  # the other mount stays
-            assert rivals_value == hills(rival, (0, 1))
-            if rivals_value > value:
-                x, value = rival, rivals_value
-        yield from climbed(task, x, value)
+        while task.left() > restart_cost(task, task.blocks[1]):
+            layout, layouts_value = yield from restart_block(task, x, task.blocks[1])
+            assert np.array_equal(layout[:2], x[:2])  # the other mount stays
+            assert layouts_value == hills(layout, (0, 1))
+            if layouts_value > value:
+                x, value = layout, layouts_value
+        yield from search_locally(task, x, value)
 
     best = {}
-    for script in (challenged, refine_alone):
+    for script in (restarted, refine_alone):
         search = ScriptSearch(script, problem(PAIR, seed=seed, start=0.2, max_maps=400))
         best[script] = Course(search, hills, PAIR).run().best_value
-    assert best[challenged] > 1 + 1.5
+    assert best[restarted] > 1 + 1.5
     assert best[refine_alone] < 2 + 1e-9
 
 
@@ -278,14 +277,14 @@ def test_auto_spends_what_it_may(max_maps):
     assert max_maps - 10 < len(course.seen) <= max_maps
 
 
-def test_challenge_costs_no_more_than_it_says():
+def test_restart_costs_no_more_than_it_says():
     task = problem(SHARED, models=2)
     for block in task.blocks:
-        _, asked = told(challenge(task, task.start, block), bowl, range(4))
-        assert asked * len(block.sensors) * 2 == cost(task, block)
+        _, asked = run_script(restart_block(task, task.start, block), bowl, range(4))
+        assert asked * len(block.sensors) * 2 == restart_cost(task, block)
 
 
-def test_auto_only_sketches_and_climbs_where_mounts_share_variables():
+def test_auto_makes_no_restarts_where_groups_share_variables():
     course = Course(ScriptSearch(METHODS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
     course.run()
     stages = [method for method, _ in groupby(method for _, _, method in course.asks)]
@@ -303,17 +302,17 @@ def test_places_that_runs_found_are_combined_at_no_cost_of_maps():
     good, bad = [0.7, 0.7], [0.0, 0.0]
     found = [np.array(one + other) for one, other in ((good, bad), (bad, bad))]
     run = (found[1], bowl(found[1], ()))
-    (x, value), _ = told(_recombined(task, run, found), bowl, (0, 1))
+    (x, value), _ = run_script(_combine(task, run, found), bowl, (0, 1))
     assert x.tolist() == good + good and value == bowl(x, ())
     worse = [np.array(bad + bad)]
     run = (found[0], bowl(found[0], ()))
-    (x, value), _ = told(_recombined(task, run, worse), bowl, (0, 1))
+    (x, value), _ = run_script(_combine(task, run, worse), bowl, (0, 1))
     assert x is found[0] and value == bowl(x, ())
 
 
-def test_poses_with_the_best_guess_are_drawn_and_often_on_the_bounds():
+def test_poses_with_the_best_prediction_are_drawn_and_often_on_the_bounds():
     tasks = problem(PAIR), guided(PAIR, bowl)
-    drawn = [_drawn(task, mounts_of(task)[0], 400) for task in tasks]
+    drawn = [draw(task, sensor_groups(task)[0], 400) for task in tasks]
     far = [np.linalg.norm(places - 0.7, axis=1).mean() for places in drawn]
     assert far[1] < 0.6 * far[0]
     on_bounds = np.mean((drawn[0] == 0) | (drawn[0] == 1))
@@ -321,7 +320,7 @@ def test_poses_with_the_best_guess_are_drawn_and_often_on_the_bounds():
 
 
 def test_greedy_with_shared_variables_leaves_what_is_decided_alone():
-    course = Course(ScriptSearch(greedy_alone, problem(SHARED, max_maps=400)), bowl, SHARED)
+    course = Course(ScriptSearch(search_greedily, problem(SHARED, max_maps=400)), bowl, SHARED)
     course.run()
     first = [x for x, sensors, _ in course.asks if sensors == (0, 1)]
     second = [x for x, sensors, _ in course.asks if sensors == (0, 1, 2, 3)]
@@ -331,7 +330,7 @@ def test_greedy_with_shared_variables_leaves_what_is_decided_alone():
 
 def test_greedy_takes_no_more_poses_than_are_kept():
     course = Course(
-        ScriptSearch(greedy_alone, problem(PAIR, max_maps=10_000, most_poses=100)), bowl, PAIR
+        ScriptSearch(search_greedily, problem(PAIR, max_maps=10_000, most_poses=100)), bowl, PAIR
     )
     course.run()
     assert len(course.seen) <= 50 + 1
@@ -531,7 +530,7 @@ def test_options_out_of_range_are_refused(options, message):
 
 
 def test_greedy_gives_its_layouts_best_first():
-    script = greedy(problem(PAIR), 200, 3)
+    script = place_greedily(problem(PAIR), 200, 3)
     ask = next(script)
     try:
         while True:
@@ -543,10 +542,10 @@ def test_greedy_gives_its_layouts_best_first():
     assert values[0] == bowl(layouts[0], ())
 
 
-def test_mounts_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
+def test_groups_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
     task = problem(PAIR)
-    task.views = lambda x: [x[:2].tobytes(), (-x[2:]).tobytes()]
-    one, other = mounts_of(task)
+    task.pose_keys = lambda x: [x[:2].tobytes(), (-x[2:]).tobytes()]
+    one, other = sensor_groups(task)
     assert one.kind != other.kind
 
 

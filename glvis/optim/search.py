@@ -1,4 +1,4 @@
-"""What every search method can do: ask for positions, be told their values, go on after a break.
+"""The protocol of all search methods: ask for positions, tell their values, resume after a break.
 
 A method knows positions, values and how many maps they cost; never sensors, meshes or files.
 """
@@ -17,11 +17,11 @@ from glvis.optim.auto import auto
 from glvis.optim.box import Box
 from glvis.optim.covariance import cma
 from glvis.optim.differential import differential_evolution
-from glvis.optim.greedy import greedy_alone
-from glvis.optim.guess import Guess
+from glvis.optim.greedy import search_greedily
 from glvis.optim.refine import refine_alone
 from glvis.optim.script import Note, Problem, Script, ScriptSearch
 from glvis.optim.search_options import MAPS
+from glvis.optim.surrogate import Surrogate
 from glvis.optim.swarm import Swarm
 
 Floats = NDArray[np.float64]
@@ -144,7 +144,7 @@ METHODS: dict[str, Callable[[Problem], Script]] = {
     "auto": auto,
     "cma": cma,
     "de": differential_evolution,
-    "greedy": greedy_alone,
+    "greedy": search_greedily,
     "refine": refine_alone,
 }
 
@@ -166,11 +166,11 @@ def new_search(study: Study, most_poses: int) -> Search:
         return swarm
     box = Box(rig.bounds, rig.periodic)
 
-    def views(x: Floats) -> list[object]:
+    def pose_keys(x: Floats) -> list[object]:
         poses = rig.poses(x)
         return [(kind, pose.tobytes()) for kind, pose in zip(rig.sensor_kinds, poses, strict=True)]
 
-    guess = Guess(study)
+    surrogate = Surrogate(study)
     problem = Problem(
         box=box,
         start=box.inside(rig.start),
@@ -178,10 +178,10 @@ def new_search(study: Study, most_poses: int) -> Search:
         models=len(study.models),
         max_maps=study.search.max_maps or MAPS * len(study.sensors) * len(study.models),
         most_poses=most_poses,
-        views=views,
+        pose_keys=pose_keys,
         rng=np.random.default_rng(study.swarm.seed),
-        guess=guess,
-        learner=guess if method == "auto" else None,
+        surrogate=surrogate,
+        learner=surrogate if method == "auto" else None,
     )
     return ScriptSearch(METHODS[method], problem)
 
