@@ -232,13 +232,15 @@ def test_layouts_end_where_the_surrogate_is_best_each_by_itself():
     task = guided(PAIR, hills)
     begin = np.array([[0.2, 0.2, 0.2, 0.2], [0.7, 0.75, 0.1, 0.1], [0.9, 0.9, 0.9, 0.9]])
     kept = begin.copy()
-    improved, predicted = optimize_on_surrogate(task, begin, task.blocks, 30, with_restarts=False)
-    restarted, _ = optimize_on_surrogate(task, begin, task.blocks, 30, with_restarts=True)
+    improved, predicted = optimize_on_surrogate(
+        task, begin, task.blocks, 30, 32, with_restarts=False
+    )
+    restarted, _ = optimize_on_surrogate(task, begin, task.blocks, 30, 32, with_restarts=True)
     assert np.array_equal(begin, kept)
     assert np.array_equal(predicted, task.surrogate(improved, None))
     assert task.surrogate(improved, None) == pytest.approx([2, 3, 4], abs=0.1)
     assert task.surrogate(restarted, None) == pytest.approx([4, 4, 4], abs=0.2)
-    one, _ = optimize_on_surrogate(task, begin, [task.blocks[1]], 5, with_restarts=True)
+    one, _ = optimize_on_surrogate(task, begin, [task.blocks[1]], 5, 32, with_restarts=True)
     assert np.array_equal(one[:, :2], begin[:, :2])
 
 

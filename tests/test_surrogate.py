@@ -6,6 +6,7 @@ from shapes import icosphere, write_off
 from small_study import SMALL, write_small_study
 
 from glvis.inputs.study import load_study
+from glvis.optim.auto_options import AutoOptions
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.surrogate import Occlusion, Surrogate
 
@@ -46,12 +47,11 @@ def test_surrogate_of_counts_knows_how_many_faces_it_does_not_look_at(tmp_path, 
     assert np.corrcoef(predicted, values)[0, 1] > 0.9
 
 
-def test_surrogate_looks_at_some_faces_only_and_ranks_as_maps_do(tmp_path, rng, monkeypatch):
-    monkeypatch.setattr("glvis.optim.surrogate._FACES", 100)
+def test_surrogate_looks_at_some_faces_only_and_ranks_as_maps_do(tmp_path, rng):
     study = load_study(write_small_study(tmp_path, rng), ["objective.kind=of1"])
     x = positions(study, 200, rng)
     with Evaluator(study) as evaluator:
-        values, predicted = evaluator(x), Surrogate(study)(x, None)
+        values, predicted = evaluator(x), Surrogate(study, AutoOptions(faces=100))(x, None)
         assert evaluator.maps_rendered == 2 * 2 * 200  # none of them for the surrogate
     ranks = [np.argsort(np.argsort(v)) for v in (values, predicted)]
     assert np.corrcoef(*ranks)[0, 1] > 0.6
@@ -87,10 +87,9 @@ def evaluator_values(study, x):
         return evaluator(x)
 
 
-def test_surrogate_learns_each_pose_once_and_no_more_than_it_may(tmp_path, rng, monkeypatch):
-    monkeypatch.setattr("glvis.optim.surrogate._MOST_POSES", 5)
+def test_surrogate_learns_each_pose_once_and_no_more_than_it_may(tmp_path, rng):
     study = load_study(write_small_study(tmp_path, rng))
-    surrogate, x = Surrogate(study), positions(study, 3, rng)
+    surrogate, x = Surrogate(study, AutoOptions(poses=5)), positions(study, 3, rng)
     x[1, :2] = x[0, :2]  # the first sensor stays
     which = surrogate.unknown(np.concatenate([x, x]), None)
     assert which.tolist() == [[0, 0], [0, 1], [1, 1], [2, 0], [2, 1]]

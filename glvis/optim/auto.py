@@ -24,9 +24,6 @@ import numpy as np
 
 from glvis.optim.greedy import exchange, place_greedily, sensor_groups
 from glvis.optim.local_search import (
-    CANDIDATES,
-    CANDIDATES_COUPLED,
-    TRIES,
     optimize_on_surrogate,
     propose,
     redraw,
@@ -36,22 +33,6 @@ from glvis.optim.local_search import (
 from glvis.optim.script import Block, Floats, Problem, Script
 
 METHOD, METHOD_RESTART = "sketch", "rivals"
-# Shares of the budget at whose end a stage ends: greedy starts, layouts optimised on the
-# surrogate, rounds of halving, restarts of the last run; the rest is local search.
-_GREEDY, _SURROGATE, _ROUNDS, _RESTARTED = 0.1, 0.16, 0.6, 0.88
-_LOCAL = 0.3  # of a round; the rest goes to restarts
-_STARTS = 8
-# The same where groups share variables, with neither greedy choices nor restarts. The study's
-# start is improved so many times through all blocks before it is held against other layouts; as
-# many of all as can be improved as often in the first round.
-_SURROGATE_COUPLED, _ROUNDS_COUPLED, _PASSES, _MOST_ROUNDS = 0.1, 0.85, 5, 6
-# Layouts optimised on the surrogate at a time, how often each is rendered, and rounds before each
-# time: separable, and not. After every second time the poorer half is begun anew.
-_LAYOUTS, _RENDERED, _SURROGATE_ROUNDS, _SURROGATE_ROUNDS_COUPLED = 32, 8, 8, 4
-# Restarts that are rendered at first; places predicted for each, and rounds on the surrogate.
-_RESTARTS, _PREDICTED, _RESTART_ROUNDS = 64, 8, 4
-# Of these go on to local search, a power of 2; steps before half of them leave.
-_SURVIVORS, _STEPS = 8, 1
 
 Run = tuple[Floats, float]  # a layout (D,) and its value
 
@@ -69,16 +50,19 @@ def auto(problem: Problem) -> Script:
 
 def _search_separable(problem: Problem, start: Run) -> Script:
     """Search where no groups share variables: maps of one are good beside any others."""
+    options = problem.options
     runs = yield from _make_starts(problem, start)
     found = [x for x, _ in runs]  # where each start and each restart came to
     blocks, dearest = cycle(problem.blocks), _dearest_restart(problem)
     rounds = len(runs).bit_length() - 1
     begin = problem.maps_rendered
     for _ in range(rounds):
-        share = (_ROUNDS * problem.max_maps - begin) / rounds / len(runs)
+        share = (options.halving_share * problem.max_maps - begin) / rounds / len(runs)
         for number, run in enumerate(runs):
             end = problem.maps_rendered + share
-            run = yield from search_locally(problem, run[0], run[1], int(_LOCAL * share))
+            run = yield from search_locally(
+                problem, run[0], run[1], int(options.local_share * share)
+            )
             while problem.maps_rendered < end and dearest <= problem.left():
                 run = yield from _try_restart(problem, run, next(blocks), found)
             runs[number] = run
@@ -86,7 +70,8 @@ def _search_separable(problem: Problem, start: Run) -> Script:
         runs = _take_best(runs, len(runs) // 2)
         runs[0] = yield from _combine(problem, runs[0], found)
     run = runs[0]
-    while problem.maps_rendered < _RESTARTED * problem.max_maps and dearest <= problem.left():
+    end = options.restart_share * problem.max_maps
+    while problem.maps_rendered < end and dearest <= problem.left():
         run = yield from _try_restart(problem, run, next(blocks), found)
         run = yield from _combine(problem, run, found)
     yield from search_locally(problem, *run)
@@ -94,13 +79,19 @@ def _search_separable(problem: Problem, start: Run) -> Script:
 
 def _search_coupled(problem: Problem, start: Run) -> Script:
     """Search where groups share variables: a restart would cost the maps of all that share them."""
-    one_pass = TRIES * problem.models * sum(len(block.sensors) for block in problem.blocks)
-    start = yield from search_locally(problem, *start, _PASSES * one_pass)
+    options = problem.options
+    one_pass = options.tries * problem.models * sum(len(block.sensors) for block in problem.blocks)
+    start = yield from search_locally(problem, *start, options.passes * one_pass)
     layouts = yield from _make_surrogate_layouts(
-        problem, _SURROGATE_COUPLED, _SURROGATE_ROUNDS_COUPLED, CANDIDATES_COUPLED
+        problem,
+        options.surrogate_share_coupled,
+        options.rounds_coupled,
+        options.candidates_coupled,
     )
-    left = _ROUNDS_COUPLED * problem.max_maps - problem.maps_rendered
-    enough = [r for r in range(_MOST_ROUNDS) if left >= r * 2**r * _PASSES * one_pass]
+    left = options.halving_share_coupled * problem.max_maps - problem.maps_rendered
+    enough = [
+        r for r in range(options.halvings + 1) if left >= r * 2**r * options.passes * one_pass
+    ]
     runs = _take_best([start, *layouts], 2 ** max(enough, default=0))
     rounds = len(runs).bit_length() - 1
     for _ in range(rounds):
@@ -117,11 +108,15 @@ def _take_best(runs: list[Run], n: int) -> list[Run]:
 
 def _make_starts(problem: Problem, start: Run) -> Script:
     """Return layouts for local search and their values, the study's own start among them."""
-    # as many as can be restarted
-    starts = min(_STARTS, max(2, int(_ROUNDS * problem.max_maps / _dearest_restart(problem))))
-    layouts, values = yield from place_greedily(problem, int(_GREEDY * problem.max_maps), starts)
+    options, maps = problem.options, problem.max_maps
+    can_restart = int(options.halving_share * maps / _dearest_restart(problem))
+    starts = min(options.starts, max(2, can_restart))
+    layouts, values = yield from place_greedily(problem, int(options.greedy_share * maps), starts)
     others = yield from _make_surrogate_layouts(
-        problem, _SURROGATE - _GREEDY, _SURROGATE_ROUNDS, CANDIDATES
+        problem,
+        options.surrogate_share - options.greedy_share,
+        options.rounds,
+        options.candidates,
     )
     return _take_best([start, *zip(layouts, values.tolist(), strict=True), *others], starts)
 
@@ -131,32 +126,36 @@ def _make_surrogate_layouts(problem: Problem, share: float, rounds: int, candida
 
     ``rounds`` before each time that they are rendered, among so many ``candidates`` a step.
     """
-    sensors = range(len(problem.moved_by))
-    n = min(_LAYOUTS, int(share * problem.max_maps / (_RENDERED * len(sensors) * problem.models)))
+    options, sensors = problem.options, range(len(problem.moved_by))
+    maps = options.renders * len(sensors) * problem.models  # of a layout
+    n = min(options.layouts, int(share * problem.max_maps / maps))
     if n == 0:
         return []
-    x, values = problem.box.uniform(n, problem.rng, reach=1.5), np.full(n, -np.inf)
+    x = problem.box.uniform(n, problem.rng, options.reach)
+    values = np.full(n, -np.inf)
     given_up: list[Run] = []
-    for time in range(1, _RENDERED + 1):
+    for time in range(1, options.renders + 1):
         new, _ = optimize_on_surrogate(
-            problem, x, problem.blocks, rounds, with_restarts=True, candidates=candidates
+            problem, x, problem.blocks, rounds, candidates, with_restarts=True
         )
         new_values = yield problem.ask(new, sensors, METHOD)
         is_better = new_values > values
         x = np.where(is_better[:, None], new, x)
         values = np.where(is_better, new_values, values)
-        if time % 2 == 0 and time < _RENDERED:
+        if time % 2 == 0 and time < options.renders:
             poor = np.argsort(-values, kind="stable")[(n + 1) // 2 :]
             given_up += [(x[k].copy(), float(values[k])) for k in poor]
-            x[poor] = problem.box.uniform(len(poor), problem.rng, reach=1.5)
+            x[poor] = problem.box.uniform(len(poor), problem.rng, options.reach)
             values[poor] = -np.inf
     return [*given_up, *zip(x, values.tolist(), strict=True)]
 
 
 def restart_cost(problem: Problem, block: Block) -> int:
     """Return the most maps that a restart of a block renders."""
-    steps = _STEPS * TRIES * (2 * _SURVIVORS - 1)  # of all survivors, half of them, ..., one
-    return (_RESTARTS + steps) * len(block.sensors) * problem.models
+    options = problem.options
+    # of all survivors, half of them, ..., one
+    steps = options.survivor_steps * options.tries * (2 * options.survivors - 1)
+    return (options.restarts + steps) * len(block.sensors) * problem.models
 
 
 def restart_block(problem: Problem, x: Floats, block: Block) -> Script:
@@ -166,22 +165,23 @@ def restart_block(problem: Problem, x: Floats, block: Block) -> Script:
     those are rendered beside all else as it stands. Successive halving, with a step of local
     search for each in each round, leaves one of the best.
     """
-    layouts = np.repeat(x[None], _RESTARTS, axis=0)
-    drawn = redraw(problem, layouts, block, _PREDICTED)
-    layouts, _ = take_best(problem, layouts, np.full(_RESTARTS, -np.inf), drawn)
+    options = problem.options
+    layouts = np.repeat(x[None], options.restarts, axis=0)
+    drawn = redraw(problem, layouts, block, options.restart_poses)
+    layouts, _ = take_best(problem, layouts, np.full(options.restarts, -np.inf), drawn)
     layouts, _ = optimize_on_surrogate(
-        problem, layouts, [block], _RESTART_ROUNDS, with_restarts=False
+        problem, layouts, [block], options.restart_rounds, options.candidates, with_restarts=False
     )
     values = yield problem.ask(layouts, block.sensors, METHOD_RESTART)
-    stay = _SURVIVORS
+    stay = options.survivors
     while stay:
         best = np.argsort(-values, kind="stable")[:stay]
         layouts, values = layouts[best], values[best]
-        for _ in range(_STEPS):
+        for _ in range(options.survivor_steps):
             candidates = np.concatenate([propose(problem, layout, block) for layout in layouts])
             new_values = yield problem.ask(candidates, block.sensors, METHOD_RESTART)
             rows = np.arange(len(layouts))
-            best = new_values.reshape(-1, TRIES).argmax(axis=1) + rows * TRIES
+            best = new_values.reshape(-1, options.tries).argmax(axis=1) + rows * options.tries
             is_better = new_values[best] >= values  # on a plateau they may wander
             layouts = np.where(is_better[:, None], candidates[best], layouts)
             values = np.where(is_better, new_values[best], values)

@@ -24,14 +24,6 @@ from glvis.optim.script import Floats, Problem, Script
 
 METHOD = "greedy"
 _AT_ONCE = 256  # layouts asked for at once
-_EXCHANGES = 8  # rounds of exchange at most
-_PROMISING = 0.1  # share of the draws that later rounds exchange for
-_GOOD = 0.3  # share of the first choices that other starts begin with
-_FEWEST = 8  # draws a group
-_STARTS = 4
-# Of so many random poses the one with the best prediction is rendered; poses are drawn from a
-# range so many times as wide as the variables'.
-_PREDICTED, _REACH = 8, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +103,18 @@ def _draw_by_kind(problem: Problem, groups: list[SensorGroup], maps: int) -> dic
     first_of = {group.kind: group for group in reversed(groups)}
     pose_maps = problem.models * sum(len(group.sensors) for group in first_of.values())
     kept = problem.most_poses // (2 * sum(len(group.sensors) for group in first_of.values()))
-    n = max(_FEWEST, min(maps // pose_maps, kept))
+    n = max(problem.options.draws_least, min(maps // pose_maps, kept))
     return {group.kind: draw(problem, group, n) for group in first_of.values()}
 
 
 def draw(problem: Problem, group: SensorGroup, n: int) -> Floats:
     """Return random values (n, d) of a group's variables, each the best predicted of many."""
-    drawn = problem.box.uniform(n * _PREDICTED, problem.rng, _REACH)[:, group.columns]
+    options, among = problem.options, problem.options.draw_predicted
+    drawn = problem.box.uniform(n * among, problem.rng, options.reach)[:, group.columns]
     x = np.repeat(problem.start[None], len(drawn), axis=0)
     x[:, group.columns] = drawn
-    best = problem.surrogate(x, group.sensors).reshape(n, _PREDICTED).argmax(axis=1)
-    return drawn.reshape(n, _PREDICTED, -1)[np.arange(n), best]
+    best = problem.surrogate(x, group.sensors).reshape(n, among).argmax(axis=1)
+    return drawn.reshape(n, among, -1)[np.arange(n), best]
 
 
 def _place_one_by_one(
@@ -151,7 +144,8 @@ def _place_one_by_one(
                 rendered.add(group.kind)
             choice = int(values.argmax())
             if is_first and not is_best_first:
-                good = np.argsort(-values, kind="stable")[: max(1, int(_GOOD * len(values)))]
+                kept = max(1, int(problem.options.first_share * len(values)))
+                good = np.argsort(-values, kind="stable")[:kept]
                 choice = int(problem.rng.choice(good))
             if values[choice] > best_value:
                 best_value, best_group, best_x = values[choice], group, layouts[choice]
@@ -178,10 +172,11 @@ def exchange(
     ``draws`` are the values (N, d) to choose from by kind of group, all rendered already. Rounds
     go on until none is better (Teitz and Bart 1968).
     """
+    options = problem.options
     (value,) = yield from _evaluate(problem, x[None], (), None)
     separable = [group for group in groups if group.is_separable]
     promising = {group.sensors: draws[group.kind] for group in separable}
-    for round_ in range(_EXCHANGES if len(groups) > 1 else 0):
+    for round_ in range(options.exchange_rounds if len(groups) > 1 else 0):
         before = value
         for group in separable:
             poses = promising[group.sensors]
@@ -189,7 +184,7 @@ def exchange(
             layouts[:, group.columns] = poses
             values = yield from _evaluate(problem, layouts, (), None)
             if round_ == 0:  # what is poor beside these others will not be best beside the next
-                kept = max(_FEWEST, math.ceil(_PROMISING * len(values)))
+                kept = max(options.draws_least, math.ceil(options.exchange_share * len(values)))
                 best = np.argsort(-values, kind="stable")[:kept]
                 promising[group.sensors] = poses[best]
             if values.max() > value:
@@ -213,5 +208,5 @@ def _evaluate(
 def search_greedily(problem: Problem) -> Script:
     """Spend everything on greedy placement and exchange."""
     yield problem.ask(problem.start[None], range(len(problem.moved_by)), METHOD)
-    yield from place_greedily(problem, problem.left(), _STARTS)
+    yield from place_greedily(problem, problem.left(), problem.options.greedy_starts)
     return "greedy choice and exchanges found no more"

@@ -14,13 +14,6 @@ import numpy as np
 from glvis.optim.script import Block, Floats, Problem, Script
 
 METHOD = "climb"
-# Candidates of a step that are rendered, and predicted for each of these.
-TRIES, _PREDICTED = 4, 16
-_STEPS = (-8.3, -1.7)  # powers of two between which a step lies, in shares of the range
-CANDIDATES = 32  # of a step on the surrogate
-# Shifts of what sensors share; rounds in which each group adapts, and candidates of a step then.
-_SHIFTS, _ROUNDS_COUPLED, CANDIDATES_COUPLED = 8, 1, 16
-_LEAST = 4  # candidates, where many sensors move at once
 
 
 def search_locally(problem: Problem, x: Floats, value: float, maps: int | None = None) -> Script:
@@ -47,26 +40,28 @@ def search_locally(problem: Problem, x: Floats, value: float, maps: int | None =
 
 
 def propose(problem: Problem, x: Floats, block: Block) -> Floats:
-    """Return the candidates (TRIES, D) around one layout (D,) that the surrogate ranks best.
+    """Return the candidates (K, D) around one layout (D,) that the surrogate ranks best.
 
     What several groups share is shifted alone, and each group adapts to that on the surrogate:
     where a height changes, all sensors at that height must turn.
     """
+    options = problem.options
     inner = [other for other in problem.blocks if {*other.sensors} < {*block.sensors}]
     if inner:
-        around = perturb(problem, x[None], block.own, _SHIFTS)[0]
+        around = perturb(problem, x[None], block.own, options.shifts)[0]
         around, predicted = optimize_on_surrogate(
             problem,
             around,
             inner,
-            _ROUNDS_COUPLED,
+            options.shift_rounds,
+            options.candidates_coupled,
             with_restarts=False,
-            candidates=CANDIDATES_COUPLED,
         )
     else:
-        around = perturb(problem, x[None], block.columns, TRIES * _affordable(_PREDICTED, block))[0]
+        n = options.tries * _affordable(problem, options.tries_predicted, block)
+        around = perturb(problem, x[None], block.columns, n)[0]
         predicted = problem.surrogate(around, None)
-    return around[np.argsort(-predicted, kind="stable")[:TRIES]]
+    return around[np.argsort(-predicted, kind="stable")[: options.tries]]
 
 
 def optimize_on_surrogate(
@@ -74,9 +69,9 @@ def optimize_on_surrogate(
     x: Floats,
     blocks: Sequence[Block],
     rounds: int,
+    candidates: int,
     *,
     with_restarts: bool,
-    candidates: int = CANDIDATES,
 ) -> tuple[Floats, Floats]:
     """Return layouts (K, D), each moved from its own of x (K, D), and their predicted values.
 
@@ -86,7 +81,7 @@ def optimize_on_surrogate(
     predicted = problem.surrogate(x, None)
     for _ in range(rounds):
         for block in blocks:
-            n = _affordable(candidates, block)
+            n = _affordable(problem, candidates, block)
             around = perturb(problem, x, block.columns, n)
             if with_restarts:
                 drawn = redraw(problem, x, block, n)
@@ -99,7 +94,7 @@ def perturb(problem: Problem, x: Floats, columns: Sequence[int], n: int) -> Floa
     """Return layouts (K, n, D) at all distances from x (K, D), about half of ``columns`` moved."""
     rng, box, moving = problem.rng, problem.box, np.array(columns)
     shape = (len(x), n, len(moving))
-    size = _power_of_two(rng.uniform(*_STEPS, (*shape[:2], 1)))
+    size = _power_of_two(rng.uniform(*problem.options.step_sizes, (*shape[:2], 1)))
     moved = rng.random(shape) < 0.5
     moved |= np.arange(len(moving)) == rng.integers(len(moving), size=(*shape[:2], 1))
     around = np.repeat(x[:, None], n, axis=1)
@@ -110,7 +105,9 @@ def perturb(problem: Problem, x: Floats, columns: Sequence[int], n: int) -> Floa
 def redraw(problem: Problem, x: Floats, block: Block, n: int) -> Floats:
     """Return layouts (K, n, D) that differ from x (K, D) in a block, drawn uniformly."""
     columns = np.array(block.columns)
-    drawn = problem.box.uniform(len(x) * n, problem.rng, reach=1.5).reshape(len(x), n, -1)
+    drawn = problem.box.uniform(len(x) * n, problem.rng, problem.options.reach).reshape(
+        len(x), n, -1
+    )
     layouts = np.repeat(x[:, None], n, axis=1)
     layouts[:, :, columns] = drawn[:, :, columns]
     return layouts
@@ -131,9 +128,9 @@ def take_best(
     return x, np.where(is_better, values[rows, best], predicted)
 
 
-def _affordable(n: int, block: Block) -> int:
+def _affordable(problem: Problem, n: int, block: Block) -> int:
     """Return how many candidates to predict: by the sensors that move, or it takes too long."""
-    return max(n // len(block.sensors), _LEAST)
+    return max(n // len(block.sensors), problem.options.candidates_least)
 
 
 def _power_of_two(exponent: Floats) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glvis.errors import StudyError
+from glvis.optim.auto_options import AutoOptions
 from glvis.optim.box import Box
 
 Floats = NDArray[np.float64]
@@ -124,6 +125,8 @@ class Problem:
         for ranks only, and costs no map. Without one, all are equal.
     learner : Learner, optional
         Model that learns from the maps, so that predictions get better.
+    options : AutoOptions
+        Tuning constants.
     maps_rendered : int
         Maps rendered so far; kept up by `ScriptSearch`.
     """
@@ -140,7 +143,8 @@ class Problem:
         len(x)
     )
     learner: Learner | None = None
-    maps_rendered: int = field(default=0)
+    options: AutoOptions = field(default_factory=AutoOptions)
+    maps_rendered: int = 0
 
     @property
     def blocks(self) -> list[Block]:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.sensor import Sensor
 from glvis.inputs.study import Study
+from glvis.optim.auto_options import AutoOptions
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -32,16 +33,6 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-# Sampled faces, of all models together, but some of each; more made local search no quicker.
-_FACES, _LEAST = 600, 100
-# What is remembered: poses, and bytes in a checkpoint, one bit a face.
-_MOST_POSES, _MOST_BYTES = 1 << 14, 1 << 20
-# Viewpoints that vote. The weight of a vote falls with the square of the distance, flat within
-# a tenth of the farthest of these.
-_NEAREST = 16
-_FLAT = 0.1
-# Votes for seen and for hidden: a third of the votes is enough for seen.
-_SEEN, _HIDDEN = 2, -1
 # So that what is computed of them stays in a core's cache.
 _POSITIONS_AT_ONCE, _POSES_AT_ONCE = 256, 64
 _WEIGHT = 1000  # of the nearest viewpoint's vote; votes are small integers, 16 of them fit 16 bits
@@ -56,13 +47,15 @@ class Surrogate:
     ----------
     study : Study
         Models, sensors, variables, objective.
+    options : AutoOptions, optional
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, options: AutoOptions | None = None) -> None:
+        options = options or AutoOptions()
         self._study = study
         rng = np.random.default_rng(0)  # of its own: which faces is no matter of the search
         self._sampled: list[NDArray[np.intp]] = []
-        each = max(_FACES // len(study.models), _LEAST)
+        each = max(options.faces // len(study.models), options.faces_least)
         for model in study.models:
             proper = np.flatnonzero(model.areas)
             self._sampled.append(np.sort(rng.permutation(proper)[:each]))
@@ -77,9 +70,9 @@ class Surrogate:
             whole = [m.areas.sum() if study.objective.by_area else m.n_faces for m, _ in sampled]
             parts = [a.sum() if study.objective.by_area else len(a) for a in self._areas]
             self._scale = np.array(whole) / np.array(parts)
-        self._occlusion = Occlusion(self.faces)
+        self._occlusion = Occlusion(self.faces, options)
         self._known: set[bytes] = set()
-        self._most = min(_MOST_POSES, _MOST_BYTES // ((self.faces + 7) // 8))
+        self._most = min(options.poses, options.pose_bytes // ((self.faces + 7) // 8))
 
     def __call__(self, positions: Floats, sensors: Sequence[int] | None = None) -> Floats:
         """Return predicted values (P,) of positions (P, D), by all or only some sensors."""
@@ -197,9 +190,11 @@ class Occlusion:
     ----------
     faces : int
         Number of faces, n.
+    options : AutoOptions, optional
     """
 
-    def __init__(self, faces: int) -> None:
+    def __init__(self, faces: int, options: AutoOptions | None = None) -> None:
+        self._options = options or AutoOptions()
         self._known = 0
         # rows of viewpoints, room for more at the end: places, and how they vote, 0 for faces
         # that they did not have in view
@@ -225,7 +220,8 @@ class Occlusion:
             self._viewpoints = np.concatenate([self._viewpoints, np.zeros_like(self._viewpoints)])
             self._votes = np.concatenate([self._votes, np.zeros_like(self._votes)])
         self._viewpoints[self._known : end] = viewpoints
-        self._votes[self._known : end] = np.where(seen, _SEEN, _HIDDEN * in_view)
+        if_hidden = self._options.vote_hidden * in_view
+        self._votes[self._known : end] = np.where(seen, self._options.vote_seen, if_hidden)
         self._known = end
 
     def predict_free(self, viewpoints: Floats) -> Bools:
@@ -236,19 +232,21 @@ class Occlusion:
         if self._known == 0:
             return np.ones((len(viewpoints), self._votes.shape[1]), dtype=bool)
         distance, nearest = self._find_nearest(viewpoints)
-        flat = np.maximum(_FLAT * distance.max(axis=1), np.finfo(np.float32).tiny)[:, None]
+        flat = self._options.flat_share * distance.max(axis=1, keepdims=True)
+        flat = np.maximum(flat, np.finfo(np.float32).tiny)
         weight = (_WEIGHT * (flat / np.maximum(distance, flat)) ** 2).astype(np.int16)
         return np.einsum("pk,pkn->pn", weight, self._votes[nearest]) >= 0
 
     def _find_nearest(self, viewpoints: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return distances (P, k) from viewpoints (P, 3) to the nearest known, and their rows."""
+        most = self._options.viewpoints
         distances, places = [], []
         for first, tree in self._update_trees():
-            distance, place = tree.query(viewpoints, k=np.arange(1, min(_NEAREST, tree.n) + 1))
+            distance, place = tree.query(viewpoints, k=np.arange(1, min(most, tree.n) + 1))
             distances.append(distance)
             places.append(place + first)
         distance, place = np.concatenate(distances, axis=1), np.concatenate(places, axis=1)
-        order = np.argsort(distance, axis=1, kind="stable")[:, :_NEAREST]
+        order = np.argsort(distance, axis=1, kind="stable")[:, :most]
         return np.take_along_axis(distance, order, 1), np.take_along_axis(place, order, 1)
 
     def _update_trees(self) -> list[tuple[int, KDTree]]:
