@@ -21,8 +21,8 @@ from glvis.optim.placement import place_sensors
 from glvis.optim.refine import Steps, refine_alone
 from glvis.optim.run import Run
 from glvis.optim.script import Block, Problem, ScriptSearch
-from glvis.optim.search import METHODS
-from glvis.optim.search_options import SearchOptions
+from glvis.optim.search import SCRIPTS
+from glvis.optim.search_options import METHODS, SearchOptions
 
 
 def problem(moved_by, *, max_maps=1500, seed=1, start=0.1, models=1, most_poses=10_000):
@@ -274,7 +274,7 @@ def test_restarts_find_the_hill_that_local_search_does_not_lead_to(seed):
 
 @pytest.mark.parametrize("max_maps", [100, 333, 1000, 4000])
 def test_auto_spends_what_it_may(max_maps):
-    course = Course(ScriptSearch(METHODS["auto"], problem(PAIR, max_maps=max_maps)), bowl, PAIR)
+    course = Course(ScriptSearch(SCRIPTS["auto"], problem(PAIR, max_maps=max_maps)), bowl, PAIR)
     course.run()
     assert max_maps - 10 < len(course.seen) <= max_maps
 
@@ -287,7 +287,7 @@ def test_restart_costs_no_more_than_it_says():
 
 
 def test_auto_makes_no_restarts_where_groups_share_variables():
-    course = Course(ScriptSearch(METHODS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
+    course = Course(ScriptSearch(SCRIPTS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
     course.run()
     stages = [method for method, _ in groupby(method for _, _, method in course.asks)]
     assert stages == ["sketch", "climb", "sketch", "climb"]  # the start, where it leads, others
@@ -295,7 +295,7 @@ def test_auto_makes_no_restarts_where_groups_share_variables():
 
 
 def test_auto_takes_every_mount_to_the_higher_hill():
-    search = ScriptSearch(METHODS["auto"], problem(PAIR, max_maps=2000, start=0.2))
+    search = ScriptSearch(SCRIPTS["auto"], problem(PAIR, max_maps=2000, start=0.2))
     assert Course(search, hills, PAIR).run().best_value > 3.9
 
 
@@ -338,25 +338,25 @@ def test_greedy_takes_no_more_poses_than_are_kept():
     assert len(course.seen) <= 50 + 1
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])
 @pytest.mark.parametrize("max_maps", [10, 333, 2000])
 def test_no_method_renders_more_maps_than_it_may(name, moved_by, max_maps):
-    search = ScriptSearch(METHODS[name], problem(moved_by, max_maps=max_maps, models=2))
+    search = ScriptSearch(SCRIPTS[name], problem(moved_by, max_maps=max_maps, models=2))
     course = Course(search, bowl, moved_by, models=2)
     course.run()
     assert 2 * len(course.seen) <= max_maps
     assert search.stop_reason.startswith("finished: ")
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
 def test_script_that_goes_on_asks_for_what_an_unbroken_one_asks_for(name):
-    whole = Course(ScriptSearch(METHODS[name], problem(PAIR)), bowl, PAIR)
+    whole = Course(ScriptSearch(SCRIPTS[name], problem(PAIR)), bowl, PAIR)
     whole.run()
-    broken = Course(ScriptSearch(METHODS[name], problem(PAIR)), bowl, PAIR)
+    broken = Course(ScriptSearch(SCRIPTS[name], problem(PAIR)), bowl, PAIR)
     broken.run(most=7)
     state = broken.search.state()
-    again = ScriptSearch(METHODS[name], problem(PAIR))
+    again = ScriptSearch(SCRIPTS[name], problem(PAIR))
     again.go_on(state)
     assert again.best_value == broken.search.best_value
     rest = Course(again, bowl, PAIR)
@@ -414,14 +414,14 @@ def small(tmp_path, rng):
     return write_small_study(tmp_path, rng)
 
 
-@pytest.mark.parametrize("method", sorted(METHODS))
+@pytest.mark.parametrize("method", sorted(SCRIPTS))
 def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method, tmp_path):
     most, last = (1000, 1) if method == "de" else (300, 6)  # whose first iteration takes 240
     study = load_study(small, [f"search.method={method}", f"search.max_maps={most}"])
     placement = place_sensors(study)
     assert placement.value > placement.start_value
     assert placement.maps_rendered <= most
-    assert {row.method for row in placement.trace} <= {*METHODS, *STAGES}
+    assert {row.method for row in placement.trace} <= {*SCRIPTS, *STAGES}
     assert placement.trace[-1].best == placement.value
     with Evaluator(study) as evaluator:
         assert evaluator(placement.position)[0] == placement.value
@@ -443,20 +443,20 @@ def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method,
 @pytest.mark.parametrize("seed", [1, 2])
 def test_methods_for_comparison_find_the_top_of_a_bowl(name, seed):
     before = np.random.get_state()[1].tolist()  # noqa: NPY002
-    search = ScriptSearch(METHODS[name], problem(SHARED, max_maps=12_000, seed=seed))
+    search = ScriptSearch(SCRIPTS[name], problem(SHARED, max_maps=12_000, seed=seed))
     Course(search, bowl, SHARED).run()
     assert search.best_value > -1e-4
     assert np.random.get_state()[1].tolist() == before  # noqa: NPY002 (chance has one source)
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
 def test_one_variable_and_one_that_cannot_move_are_no_trouble(name):
-    single = ScriptSearch(METHODS[name], problem([(0,)], max_maps=500))
+    single = ScriptSearch(SCRIPTS[name], problem([(0,)], max_maps=500))
     assert Course(single, bowl, [(0,)]).run().best_value > -1e-3
     task = problem(PAIR, max_maps=3000)
     task.box = Box([[0, 1], [0.5, 0.5], [0, 1], [0, 1]])
     task.start = np.array([0.1, 0.5, 0.1, 0.1])
-    held = Course(ScriptSearch(METHODS[name], task), bowl, PAIR).run()
+    held = Course(ScriptSearch(SCRIPTS[name], task), bowl, PAIR).run()
     assert held.best_x[1] == 0.5 and held.best_value > -0.1
 
 
@@ -469,7 +469,7 @@ def test_covariance_restarts_with_twice_the_population_and_wraps():
         return -float(min(around, 1 - around) ** 2 + np.sum((x[1:] - 1.0) ** 2))
 
     task.start = np.array([0.05, 0.5, 0.5, 0.5])
-    search = ScriptSearch(METHODS["cma"], task)
+    search = ScriptSearch(SCRIPTS["cma"], task)
     course = Course(search, ring, PAIR)
     course.run()
     assert search.best_value > -1e-6
@@ -481,9 +481,9 @@ def test_covariance_restarts_with_twice_the_population_and_wraps():
 
 def test_differential_evolution_ends_where_its_population_is_one_and_leaves_no_thread():
     threads = threading.active_count()
-    search = ScriptSearch(METHODS["de"], problem([(0,)], max_maps=10**6))
+    search = ScriptSearch(SCRIPTS["de"], problem([(0,)], max_maps=10**6))
     Course(search, lambda x, looking: -float(round(abs(x[0] - 0.7), 2)), [(0,)]).run(most=300)
-    search = ScriptSearch(METHODS["de"], problem([(0,)], max_maps=10**6))
+    search = ScriptSearch(SCRIPTS["de"], problem([(0,)], max_maps=10**6))
     flat = Course(search, lambda x, looking: 1.0, [(0,)])
     assert flat.run().stop_reason == "finished: no two layouts of the population differ"
     del search, flat
@@ -494,7 +494,7 @@ def test_differential_evolution_ends_where_its_population_is_one_and_leaves_no_t
 def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "cma", None)
     with pytest.raises(MachineError) as error:
-        ScriptSearch(METHODS["cma"], problem(PAIR))
+        ScriptSearch(SCRIPTS["cma"], problem(PAIR))
     assert str(error.value).startswith("search.method = 'cma' needs pycma (")
     assert 'install it by: pip install ".[methods]" in the checkout' in str(error.value)
 
@@ -551,7 +551,7 @@ def test_groups_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
     assert one.kind != other.kind
 
 
-@pytest.mark.parametrize("method", sorted({*METHODS} - {"cma"}))
+@pytest.mark.parametrize("method", sorted({*SCRIPTS} - {"cma"}))
 def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path, rng, method):
     path = write_small_study(tmp_path, rng)
     fixed = [f"variables.{text}" for text in ("turn=10", "azimuth=60", "elevation=20")]
@@ -563,3 +563,7 @@ def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path,
         while run.search.stop_reason is None and run.search.iteration < 2000:
             run.iterate()
         assert run.search.stop_reason.startswith("finished: ")
+
+
+def test_every_method_but_the_swarm_is_a_script():
+    assert {*METHODS} == {*SCRIPTS, "swarm"}

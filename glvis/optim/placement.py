@@ -29,7 +29,7 @@ from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress
 from glvis.optim.reach import Reach, Sampler
 from glvis.optim.run import Run
-from glvis.optim.search import TraceRow
+from glvis.optim.trace import TraceRow
 from glvis.optim.workers import Workers
 from glvis.sight.context import GlInfo, rasterising_in_this_thread
 from glvis.sight.maps import MapScene
@@ -74,7 +74,7 @@ class Placement:
     evaluations, maps_rendered : int
         Positions evaluated; maps made for them.
     gl : GlInfo
-        Who drew.
+        The OpenGL driver in use.
     workers : int
         Processes that drew.
     warnings : tuple of str
@@ -326,11 +326,8 @@ def _evaluated(evaluator: Evaluator, position: Floats, poses: Floats) -> Placeme
     """Return what one set of poses (S, 4, 4) sees, as if nothing had been searched."""
     study = evaluator.study
     maps = tuple(evaluator.visibility_of_poses(poses))
-    by_model = np.array(
-        [
-            study.objective.terms(found.counts, model.areas)["value"]
-            for found, model in zip(maps, study.models, strict=True)
-        ]
+    by_model = study.objective.value_by_model(
+        [found.counts for found in maps], [model.areas for model in study.models]
     )
     value = float(study.objective.aggregated(by_model))
     return Placement(

@@ -19,7 +19,8 @@ from glvis.inputs.study import Study
 from glvis.optim.checkpoint import Checkpoint, identity_of, write_checkpoint
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress, Spent, first_limit
-from glvis.optim.search import TraceRow, new_search, search_from_state
+from glvis.optim.search import new_search, search_from_state, swarm_columns
+from glvis.optim.trace import TraceRow
 
 Floats = NDArray[np.float64]
 
@@ -136,14 +137,15 @@ class Run:
         v = evaluator.study.objective.aggregated(np.array(by_model))
         search.tell(v, evaluator.maps_rendered)
         self.evaluations += len(v)
+        inertia, neighbours = swarm_columns(search)
         row = TraceRow(
             iteration=len(self.trace),
             method=search.method,
             best=max(search.best_value, self.start_value),
             mean=float(v.mean()),
             std=float(v.std()),
-            inertia=search.inertia,
-            neighbours=search.neighbours,
+            inertia=inertia,
+            neighbours=neighbours,
             evaluations=self.evaluations,
             maps_rendered=evaluator.maps_rendered,
             seconds=self.seconds(),

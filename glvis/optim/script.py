@@ -201,7 +201,6 @@ class ScriptSearch:
         self.stop_reason: str | None = None
         self.method = ""
         self.sensors: Sequence[int] | None = None
-        self.inertia, self.neighbours = 0.0, 0
         self._beyond = -1  # iterations allowed whatever they cost
         self._values: list[Floats] = []
         self._maps: list[int] = []

@@ -6,7 +6,7 @@ A method knows positions, values and how many maps they cost; never sensors, mes
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,26 +28,6 @@ Floats = NDArray[np.float64]
 State = dict[str, NDArray[Any]]
 
 
-class TraceRow(NamedTuple):
-    """One iteration of a search.
-
-    ``best`` is the largest value so far, ``mean`` and ``std`` are those of this iteration's
-    positions. ``inertia`` and ``neighbours`` are the swarm's (0 for other methods).
-    ``evaluations``, ``maps_rendered`` and ``seconds`` count from the start of the run.
-    """
-
-    iteration: int
-    method: str
-    best: float
-    mean: float
-    std: float
-    inertia: float
-    neighbours: int
-    evaluations: int
-    maps_rendered: int
-    seconds: float
-
-
 class Search(Protocol):
     """A search that is asked for positions and told their values; larger is better.
 
@@ -56,14 +36,14 @@ class Search(Protocol):
     method : str
         Name of what asked last.
     sensors : sequence of int or None
-        Who looks at the positions asked for last; None means all, and only then are the values
-        those of whole layouts.
+        Active sensors at the positions asked for last; None means all, and only then are the
+        values those of whole layouts.
     best_x : (D,) float64
-        Best position told so far, before that the start.
+        Best position so far, before any value the start.
     iteration : int
-        Of the positions asked for last, from 0.
+        Number of the positions asked for last, from 0.
     stop_reason : str or None
-        Why the search has ended, in words.
+        Reason why the search has ended, in words.
     """
 
     method: str
@@ -78,7 +58,7 @@ class Search(Protocol):
 
     @property
     def note(self) -> Note | None:
-        """What wants the maps of the positions asked for, if so; see ``Evaluator.each``."""
+        """Observer of the maps of the positions asked for, if any; see ``Evaluator.each``."""
 
     @property
     def iterations(self) -> int | None:
@@ -87,14 +67,6 @@ class Search(Protocol):
     @property
     def most_maps(self) -> int | None:
         """The most maps that may be rendered; None where they do not end the search."""
-
-    @property
-    def inertia(self) -> float:
-        """Of the swarm, for the trace."""
-
-    @property
-    def neighbours(self) -> int:
-        """Of the swarm, for the trace."""
 
     def ask(self) -> Floats:
         """Return positions (P, D) to evaluate."""
@@ -129,18 +101,8 @@ class SwarmSearch(Swarm):
         """The most iterations there can be."""
         return self.options.iterations
 
-    @property
-    def inertia(self) -> float:
-        """What moved the last swarm."""
-        return self.trace[-1].inertia
 
-    @property
-    def neighbours(self) -> int:
-        """What the last swarm looked at."""
-        return self.trace[-1].neighbours
-
-
-METHODS: dict[str, Callable[[Problem], Script]] = {
+SCRIPTS: dict[str, Callable[[Problem], Script]] = {
     "auto": auto,
     "cma": cma,
     "de": differential_evolution,
@@ -159,11 +121,17 @@ def new_search(study: Study, most_poses: int) -> Search:
     most_poses : int
         Poses whose maps the evaluator keeps.
     """
-    rig, method = study.rig, study.search.method
-    if method == "swarm":
+    rig = study.rig
+    if study.search.method == "swarm":
         swarm = SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
         swarm.most_maps = study.search.max_maps
         return swarm
+    return _new_script_search(study, most_poses)
+
+
+def _new_script_search(study: Study, most_poses: int) -> ScriptSearch:
+    """Return the search of a study whose method is a script, at its beginning."""
+    rig = study.rig
     box = Box(rig.bounds, rig.periodic)
 
     def pose_keys(x: Floats) -> list[object]:
@@ -181,9 +149,9 @@ def new_search(study: Study, most_poses: int) -> Search:
         pose_keys=pose_keys,
         rng=np.random.default_rng(study.swarm.seed),
         surrogate=surrogate,
-        learner=surrogate if method == "auto" else None,
+        learner=surrogate if study.search.method == "auto" else None,
     )
-    return ScriptSearch(METHODS[method], problem)
+    return ScriptSearch(SCRIPTS[study.search.method], problem)
 
 
 def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray[Any]]) -> Search:
@@ -199,11 +167,18 @@ def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray
             swarm = SwarmSearch.from_state(state)
             swarm.most_maps = study.search.max_maps
             return swarm
-        search = new_search(study, most_poses)
-        assert isinstance(search, ScriptSearch)
+        search = _new_script_search(study, most_poses)
         search.go_on(state)
         return search
     except StudyError:
         raise
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise StudyError(f"the search cannot go on: its state is broken: {error}") from error
+
+
+def swarm_columns(search: Search) -> tuple[float, int]:
+    """Return inertia and neighbours of the last swarm, for the trace; 0 for other methods."""
+    if not isinstance(search, SwarmSearch):
+        return 0.0, 0
+    last = search.trace[-1]
+    return last.inertia, last.neighbours

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
-METHODS = ("swarm", "auto", "greedy", "refine", "cma", "de")
+Method = Literal["swarm", "auto", "greedy", "refine", "cma", "de"]
+METHODS = get_args(Method)
 MAPS = 4000  # a sensor and model, for all methods but "swarm", where the study does not say
 
 
@@ -29,7 +30,7 @@ class SearchOptions:
         Stop after the iteration that takes the run past this time.
     """
 
-    method: Literal["swarm", "auto", "greedy", "refine", "cma", "de"] = "auto"
+    method: Method = "auto"
     max_maps: int | None = None
     max_seconds: float | None = None
 
