@@ -38,9 +38,6 @@ ARROWS = {
     "progress": "",
     "script": "auto_options box errors",
     "greedy": "script",
-    "refine": "box script",
-    "covariance": "errors hints script",
-    "differential": "script",
     "local_search": "script",
     "auto": "greedy local_search script",
     "sensor": "camera",
@@ -83,14 +80,13 @@ ARROWS = {
     "remote": "context errors maps",
     "cluster": "errors hints jobs maps remote",
     "surrogate": "auto_options sensor study",
-    "search": "auto box covariance differential errors greedy refine script search_options study"
-    " surrogate swarm",
+    "search": "auto box errors greedy script search_options study surrogate swarm",
     "states": "complaints files study swarm_options trace values",
     "checkpoint": "complaints errors evaluator files states study",
-    "run": "checkpoint errors evaluator progress search study trace",
+    "run": "checkpoint errors evaluator progress script search study trace",
     "reach": "box checkpoint evaluator visibility",
     "placement": "camera checkpoint cluster context evaluator maps notebook pieces progress reach"
-    " run study trace visibility workers",
+    " run script study trace visibility workers",
     "journal": "errors",
     "folder": "errors hints files journal lock",
     "indexes": "values",
@@ -171,7 +167,7 @@ DOORS = {
     "pydantic": "schema complaints indexes states study values",
     "typer": "cli cli_options cli_results cli_series",
     "distributed": "cluster remote",
-    "cma": "covariance",
+    "cma": "",  # tools/methods has it
     "embreex": "",  # the rival that tools/bench measures; never part of the product
 }
 

@@ -1,75 +1,28 @@
 """Search methods on functions whose best place is known; budgets, resumption, whole studies."""
 
-import gc
 import math
-import sys
-import threading
 from itertools import groupby
 
 import numpy as np
 import pytest
+from courses import ALL_METHODS, PAIR, SHARED, Course, bowl, problem
+from methods.refine import refine_alone
 from small_study import SMALL, write_small_study
 
-from glvis.errors import MachineError, StudyError
+from glvis.errors import StudyError
 from glvis.inputs.study import load_study
-from glvis.optim.auto import _combine, _make_surrogate_layouts, restart_block, restart_cost
+from glvis.optim.auto import _combine, _make_surrogate_layouts, auto, restart_block, restart_cost
 from glvis.optim.box import Box
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.greedy import draw, place_greedily, search_greedily, sensor_groups
 from glvis.optim.local_search import optimize_on_surrogate, perturb, search_locally
 from glvis.optim.placement import place_sensors
-from glvis.optim.refine import Steps, refine_alone
 from glvis.optim.run import Run
-from glvis.optim.script import Block, Problem, ScriptSearch
+from glvis.optim.script import Block, ScriptSearch
 from glvis.optim.search import SCRIPTS
 from glvis.optim.search_options import METHODS, SearchOptions
 
-
-def problem(moved_by, *, max_maps=1500, seed=1, start=0.1, models=1, most_poses=10_000):
-    """Return a problem in the unit cube; ``moved_by`` lists the columns of each sensor."""
-    moved_by = tuple(frozenset(columns) for columns in moved_by)
-    d = 1 + max(column for columns in moved_by for column in columns)
-    return Problem(
-        box=Box(np.tile([0.0, 1.0], (d, 1))),
-        start=np.full(d, start),
-        moved_by=moved_by,
-        models=models,
-        max_maps=max_maps,
-        most_poses=most_poses,
-        pose_keys=lambda x: [x[sorted(columns)].tobytes() for columns in moved_by],
-        rng=np.random.default_rng(seed),
-    )
-
-
-class Course:
-    """Evaluates a function of positions and counts maps as an evaluator would."""
-
-    def __init__(self, search, function, moved_by, models=1):
-        self.search, self.function, self.moved_by = search, function, moved_by
-        self.models, self.seen, self.asks = models, set(), []
-
-    def run(self, most=math.inf):
-        while self.search.stop_reason is None and len(self.asks) < most:
-            x = self.search.ask()
-            sensors = self.search.sensors
-            looking = range(len(self.moved_by)) if sensors is None else sensors
-            before, cost = len(self.seen), self.search.cost
-            self.seen |= {row[sorted(self.moved_by[s])].tobytes() for row in x for s in looking}
-            assert self.models * (len(self.seen) - before) <= cost, self.search.method
-            self.asks.append((x, sensors, self.search.method))
-            values = np.array([self.function(row, looking) for row in x])
-            self.search.tell(values, self.models * len(self.seen))
-        return self.search
-
-
 STAGES = ("sketch", "climb", "rivals", "recombine")  # of auto, beside other methods
-PAIR = ((0, 1), (2, 3))  # two mounts of two variables each
-SHARED = ((0, 1), (0, 1), (0, 2), (0, 2))  # two mirrored mounts at one height
-
-
-def bowl(x, looking, at=0.7):
-    """Return minus the squared distance from a place; the same for every subset."""
-    return -float(np.sum((x - at) ** 2))
 
 
 def test_blocks_are_what_moves_together_and_all_that_moves_no_others():
@@ -90,53 +43,6 @@ def test_groups_are_sensors_of_the_same_variables_and_know_whether_they_are_sepa
     one, other = sensor_groups(problem(SHARED))
     assert not one.is_separable and one.sensors == (0, 1) and one.columns.tolist() == [0, 1]
     assert one.kind != other.kind
-
-
-@pytest.mark.parametrize("moved_by", [PAIR, SHARED])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_refinement_comes_as_close_to_the_top_of_a_bowl_as_one_likes(moved_by, seed):
-    search = ScriptSearch(refine_alone, problem(moved_by, seed=seed))
-    Course(search, bowl, moved_by).run()
-    assert search.best_value > -1e-5
-    assert np.abs(search.best_x - 0.7).max() < 3e-3
-
-
-def test_refinement_learns_the_direction_of_a_valley():
-    def valley(x, looking):
-        return -float((x[0] - x[1]) ** 2 * 1e4 + (x[0] + x[1] - 1.4) ** 2)
-
-    search = ScriptSearch(refine_alone, problem([(0, 1)], start=0.2))
-    Course(search, valley, [(0, 1)]).run()
-    assert search.best_value > -1e-5
-
-
-def test_refinement_moves_one_block_at_a_time_and_renders_only_its_sensors():
-    search = ScriptSearch(refine_alone, problem(PAIR, max_maps=300))
-    course = Course(search, bowl, PAIR)
-    course.run()
-    best = course.asks[0][0][0]
-    value = bowl(best, ())
-    for x, _, method in course.asks[1:]:
-        moved = {int(c) for c in np.flatnonzero((x != best).any(axis=0))}
-        assert method == "refine" and (moved <= {0, 1} or moved <= {2, 3})
-        values = [bowl(row, ()) for row in x]
-        if max(values) >= value:
-            best, value = x[int(np.argmax(values))], max(values)
-    evaluations = sum(len(x) for x, _, _ in course.asks)
-    assert len(course.seen) <= evaluations + 1  # one new pose each, both at the start
-
-
-def test_steps_grow_with_success_shrink_without_and_begin_anew_when_tiny():
-    steps = Steps(Block((0,), (0,), (0,)))
-    first = steps.size
-    steps.learn(1.0, np.array([0.1]))
-    assert steps.size > first
-    sizes = []
-    for _ in range(100):
-        steps.learn(0.0, None)
-        sizes.append(steps.size)
-    assert min(sizes) < 0.02 * first
-    assert first in sizes[int(np.argmin(sizes)) :]
 
 
 def test_greedy_finds_for_each_mount_the_best_of_the_same_poses_at_no_further_cost():
@@ -338,25 +244,25 @@ def test_greedy_takes_no_more_poses_than_are_kept():
     assert len(course.seen) <= 50 + 1
 
 
-@pytest.mark.parametrize("name", sorted(SCRIPTS))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])
 @pytest.mark.parametrize("max_maps", [10, 333, 2000])
 def test_no_method_renders_more_maps_than_it_may(name, moved_by, max_maps):
-    search = ScriptSearch(SCRIPTS[name], problem(moved_by, max_maps=max_maps, models=2))
+    search = ScriptSearch(ALL_METHODS[name], problem(moved_by, max_maps=max_maps, models=2))
     course = Course(search, bowl, moved_by, models=2)
     course.run()
     assert 2 * len(course.seen) <= max_maps
     assert search.stop_reason.startswith("finished: ")
 
 
-@pytest.mark.parametrize("name", sorted(SCRIPTS))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 def test_script_that_goes_on_asks_for_what_an_unbroken_one_asks_for(name):
-    whole = Course(ScriptSearch(SCRIPTS[name], problem(PAIR)), bowl, PAIR)
+    whole = Course(ScriptSearch(ALL_METHODS[name], problem(PAIR)), bowl, PAIR)
     whole.run()
-    broken = Course(ScriptSearch(SCRIPTS[name], problem(PAIR)), bowl, PAIR)
+    broken = Course(ScriptSearch(ALL_METHODS[name], problem(PAIR)), bowl, PAIR)
     broken.run(most=7)
     state = broken.search.state()
-    again = ScriptSearch(SCRIPTS[name], problem(PAIR))
+    again = ScriptSearch(ALL_METHODS[name], problem(PAIR))
     again.go_on(state)
     assert again.best_value == broken.search.best_value
     rest = Course(again, bowl, PAIR)
@@ -370,15 +276,15 @@ def test_script_that_goes_on_asks_for_what_an_unbroken_one_asks_for(name):
 
 
 def test_script_that_would_go_another_way_is_refused():
-    broken = Course(ScriptSearch(refine_alone, problem(PAIR)), bowl, PAIR)
+    broken = Course(ScriptSearch(auto, problem(PAIR)), bowl, PAIR)
     broken.run(most=3)
-    other = ScriptSearch(refine_alone, problem(PAIR, seed=2))
+    other = ScriptSearch(auto, problem(PAIR, seed=2))
     with pytest.raises(StudyError, match="the search cannot go on: this version of glvis or NumPy"):
         other.go_on(broken.search.state())
 
 
 def test_extension_goes_beyond_the_budget_by_so_many_iterations():
-    course = Course(ScriptSearch(refine_alone, problem(PAIR, max_maps=100)), bowl, PAIR)
+    course = Course(ScriptSearch(auto, problem(PAIR, max_maps=100)), bowl, PAIR)
     search = course.run()
     done = search.iteration
     search.extend(5)
@@ -390,7 +296,7 @@ def test_extension_goes_beyond_the_budget_by_so_many_iterations():
 
 
 def test_ended_search_has_nothing_to_ask_and_wrong_values_are_refused():
-    search = ScriptSearch(refine_alone, problem(PAIR))
+    search = ScriptSearch(auto, problem(PAIR))
     with pytest.raises(ValueError, match=r"values of shape \(2,\) are not those of what was asked"):
         search.tell([0.0, 0.0], 2)
     search.stop("interrupted: Ctrl-C")
@@ -400,7 +306,7 @@ def test_ended_search_has_nothing_to_ask_and_wrong_values_are_refused():
 
 
 def test_value_that_is_no_number_never_becomes_the_best():
-    search = ScriptSearch(refine_alone, problem(PAIR, max_maps=200))
+    search = ScriptSearch(auto, problem(PAIR, max_maps=200))
 
     def holed(x, looking):
         return math.nan if x[0] > 0.5 else bowl(x, looking)
@@ -414,14 +320,16 @@ def small(tmp_path, rng):
     return write_small_study(tmp_path, rng)
 
 
-@pytest.mark.parametrize("method", sorted(SCRIPTS))
+@pytest.mark.parametrize("method", sorted(ALL_METHODS))
 def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method, tmp_path):
     most, last = (1000, 1) if method == "de" else (300, 6)  # whose first iteration takes 240
-    study = load_study(small, [f"search.method={method}", f"search.max_maps={most}"])
-    placement = place_sensors(study)
+    script = None if method in SCRIPTS else ALL_METHODS[method]
+    named = [f"search.method={method}"] * (method in SCRIPTS)
+    study = load_study(small, ["search.method=auto", *named, f"search.max_maps={most}"])
+    placement = place_sensors(study, script=script)
     assert placement.value > placement.start_value
     assert placement.maps_rendered <= most
-    assert {row.method for row in placement.trace} <= {*SCRIPTS, *STAGES}
+    assert {row.method for row in placement.trace} <= {*ALL_METHODS, *STAGES}
     assert placement.trace[-1].best == placement.value
     with Evaluator(study) as evaluator:
         assert evaluator(placement.position)[0] == placement.value
@@ -432,71 +340,22 @@ def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method,
 
     path = tmp_path / "checkpoint.npz"
     with pytest.raises(InterruptedError):
-        place_sensors(study, checkpoint=path, on_iteration=stop)
-    resumed = place_sensors(study, checkpoint=path, resume=True, workers=2)
+        place_sensors(study, checkpoint=path, on_iteration=stop, script=script)
+    resumed = place_sensors(study, checkpoint=path, resume=True, workers=2, script=script)
     assert [row[:-1] for row in resumed.trace] == [row[:-1] for row in placement.trace]
     assert np.array_equal(resumed.position, placement.position)
     assert resumed.maps_rendered == placement.maps_rendered
 
 
-@pytest.mark.parametrize("name", ["cma", "de"])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_methods_for_comparison_find_the_top_of_a_bowl(name, seed):
-    before = np.random.get_state()[1].tolist()  # noqa: NPY002
-    search = ScriptSearch(SCRIPTS[name], problem(SHARED, max_maps=12_000, seed=seed))
-    Course(search, bowl, SHARED).run()
-    assert search.best_value > -1e-4
-    assert np.random.get_state()[1].tolist() == before  # noqa: NPY002 (chance has one source)
-
-
-@pytest.mark.parametrize("name", sorted(SCRIPTS))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 def test_one_variable_and_one_that_cannot_move_are_no_trouble(name):
-    single = ScriptSearch(SCRIPTS[name], problem([(0,)], max_maps=500))
+    single = ScriptSearch(ALL_METHODS[name], problem([(0,)], max_maps=500))
     assert Course(single, bowl, [(0,)]).run().best_value > -1e-3
     task = problem(PAIR, max_maps=3000)
     task.box = Box([[0, 1], [0.5, 0.5], [0, 1], [0, 1]])
     task.start = np.array([0.1, 0.5, 0.1, 0.1])
-    held = Course(ScriptSearch(SCRIPTS[name], task), bowl, PAIR).run()
+    held = Course(ScriptSearch(ALL_METHODS[name], task), bowl, PAIR).run()
     assert held.best_x[1] == 0.5 and held.best_value > -0.1
-
-
-def test_covariance_restarts_with_twice_the_population_and_wraps():
-    task = problem(PAIR, max_maps=12_000)
-    task.box = Box(task.box.bounds, [True, False, False, False])
-
-    def ring(x, looking):
-        around = abs(x[0] - 0.98)
-        return -float(min(around, 1 - around) ** 2 + np.sum((x[1:] - 1.0) ** 2))
-
-    task.start = np.array([0.05, 0.5, 0.5, 0.5])
-    search = ScriptSearch(SCRIPTS["cma"], task)
-    course = Course(search, ring, PAIR)
-    course.run()
-    assert search.best_value > -1e-6
-    sizes = [len(x) for x, *_ in course.asks]
-    assert {8, 16} <= set(sizes) and sizes == sorted(sizes)
-    for x, *_ in course.asks:
-        assert (x >= 0).all() and (x <= 1).all()
-
-
-def test_differential_evolution_ends_where_its_population_is_one_and_leaves_no_thread():
-    threads = threading.active_count()
-    search = ScriptSearch(SCRIPTS["de"], problem([(0,)], max_maps=10**6))
-    Course(search, lambda x, looking: -float(round(abs(x[0] - 0.7), 2)), [(0,)]).run(most=300)
-    search = ScriptSearch(SCRIPTS["de"], problem([(0,)], max_maps=10**6))
-    flat = Course(search, lambda x, looking: 1.0, [(0,)])
-    assert flat.run().stop_reason == "finished: no two layouts of the population differ"
-    del search, flat
-    gc.collect()
-    assert threading.active_count() == threads
-
-
-def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "cma", None)
-    with pytest.raises(MachineError) as error:
-        ScriptSearch(SCRIPTS["cma"], problem(PAIR))
-    assert str(error.value).startswith("search.method = 'cma' needs pycma (")
-    assert 'install it by: pip install ".[methods]" in the checkout' in str(error.value)
 
 
 def test_swarm_obeys_the_maps_and_the_seconds_too(small):
@@ -513,8 +372,8 @@ def test_method_is_auto_unless_the_study_names_one(small):
         small.write_text(SMALL.replace('[search]\nmethod = "swarm"\n', text))
         assert load_study(small).search == SearchOptions() == SearchOptions("auto")
         assert load_study(small, ["search.max_maps=9"]).search == SearchOptions("auto", 9)
-    small.write_text(SMALL.replace('method = "swarm"', 'method = "refine"\nmax_seconds = 2.5'))
-    assert load_study(small).search == SearchOptions("refine", None, 2.5)
+    small.write_text(SMALL.replace('method = "swarm"', 'method = "greedy"\nmax_seconds = 2.5'))
+    assert load_study(small).search == SearchOptions("greedy", None, 2.5)
 
 
 @pytest.mark.parametrize(
@@ -551,15 +410,14 @@ def test_groups_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
     assert one.kind != other.kind
 
 
-@pytest.mark.parametrize("method", sorted({*SCRIPTS} - {"cma"}))
+@pytest.mark.parametrize("method", sorted({*ALL_METHODS} - {"cma"}))
 def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path, rng, method):
     path = write_small_study(tmp_path, rng)
     fixed = [f"variables.{text}" for text in ("turn=10", "azimuth=60", "elevation=20")]
     narrow = ["variables.height={min = 1, max = 1.00000001}"]
-    search = [f"search.method={method}", "search.max_maps=200"]
-    study = load_study(path, [*fixed, *narrow, *search])
+    study = load_study(path, [*fixed, *narrow, "search.method=auto", "search.max_maps=200"])
     with Evaluator(study) as evaluator:
-        run = Run(study, evaluator)
+        run = Run(study, evaluator, script=ALL_METHODS[method])
         while run.search.stop_reason is None and run.search.iteration < 2000:
             run.iterate()
         assert run.search.stop_reason.startswith("finished: ")
@@ -567,3 +425,17 @@ def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path,
 
 def test_every_method_but_the_swarm_is_a_script():
     assert {*METHODS} == {*SCRIPTS, "swarm"}
+
+
+def test_script_of_ones_own_takes_the_place_of_a_method_but_not_of_the_swarm(small):
+    def first_draw(task):
+        """Evaluate one random layout."""
+        yield task.ask(task.box.uniform(1, task.rng), range(2), "mine")
+        return "one is enough"
+
+    study = load_study(small, ["search.method=auto"])
+    placement = place_sensors(study, script=first_draw)
+    assert [row.method for row in placement.trace] == ["mine"]
+    assert placement.stop_reason == "finished: one is enough"
+    with pytest.raises(ValueError, match=r"script replaces a search\.method other than 'swarm'"):
+        place_sensors(load_study(small), script=first_draw)

@@ -29,6 +29,7 @@ from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress
 from glvis.optim.reach import Reach, Sampler
 from glvis.optim.run import Run
+from glvis.optim.script import Method
 from glvis.optim.trace import TraceRow
 from glvis.optim.workers import Workers
 from glvis.sight.context import GlInfo, rasterising_in_this_thread
@@ -227,6 +228,7 @@ def place_sensors(
     resume: bool = False,
     extend: int = 0,
     sampler: Sampler | None = None,
+    script: Method | None = None,
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
@@ -253,12 +255,15 @@ def place_sensors(
     sampler : Sampler, optional
         Samples what could be seen at best, too, from at most as many maps again as the search
         rendered. Ctrl-C ends that as well.
+    script : callable, optional
+        A search method of one's own in place of the study's, which must not be "swarm"; see
+        ``glvis.optim.script``. A checkpoint does not know it: resume with the same.
 
     Raises
     ------
     ValueError
-        If ``workers`` is less than 1 or given with ``cluster``, or ``resume`` or ``extend`` miss
-        what they need.
+        If ``workers`` is less than 1 or given with ``cluster``, ``resume`` or ``extend`` miss
+        what they need, or ``script`` is given to a study of "swarm".
     StudyError
         If there is nothing to resume, or the study has changed since, or ``cluster`` is no
         address.
@@ -270,6 +275,8 @@ def place_sensors(
         raise ValueError("resume needs a checkpoint")
     if extend and not resume:
         raise ValueError("extend needs resume")
+    if script and study.search.method == "swarm":
+        raise ValueError("script replaces a search.method other than 'swarm'")
     if workers < 1:
         raise ValueError(f"workers = {workers} must be at least 1")
     if cluster and workers != 1:
@@ -278,7 +285,7 @@ def place_sensors(
         return evaluate_poses(study)
     saved = read_checkpoint(checkpoint, study) if checkpoint and resume else None
     with _interruptions() as interrupted, _evaluator(study, workers, cluster) as evaluator:
-        run = Run(study, evaluator, checkpoint, saved)
+        run = Run(study, evaluator, checkpoint, saved, script)
         if extend:
             run.search.extend(extend)
         try:

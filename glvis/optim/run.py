@@ -19,6 +19,7 @@ from glvis.inputs.study import Study
 from glvis.optim.checkpoint import Checkpoint, identity_of, write_checkpoint
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress, Spent, first_limit
+from glvis.optim.script import Method
 from glvis.optim.search import new_search, search_from_state, swarm_columns
 from glvis.optim.trace import TraceRow
 
@@ -42,6 +43,8 @@ class Run:
         File of the checkpoints.
     saved : Checkpoint, optional
         Where to go on from; without it the search begins.
+    script : callable, optional
+        A search method in place of the study's.
 
     Attributes
     ----------
@@ -61,6 +64,7 @@ class Run:
         evaluator: Evaluator,
         path: Path | None = None,
         saved: Checkpoint | None = None,
+        script: Method | None = None,
     ) -> None:
         self._evaluator, self._path = evaluator, path
         self._identity = identity_of(study) if path else {}
@@ -73,11 +77,11 @@ class Run:
         self._begin, self._rows_before = Spent(-1, 0, 0.0), 0
         self._warnings: list[str] = []
         if saved is None:
-            self.search = new_search(study, evaluator.most_poses)
+            self.search = new_search(study, evaluator.most_poses, script)
             self._start = self.search.best_x.copy()
             self.start_value = float(evaluator(self._start)[0])
             return
-        self.search = search_from_state(study, evaluator.most_poses, saved.search)
+        self.search = search_from_state(study, evaluator.most_poses, saved.search, script)
         evaluator.recall(saved.known_poses)
         run = saved.run
         evaluator.maps_rendered = run["maps_rendered"]

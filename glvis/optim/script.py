@@ -181,20 +181,23 @@ class Problem:
         return Ask(positions, len(positions) * len(moved) * self.models, method, sensors)
 
 
+Method = Callable[[Problem], Script]
+
+
 class ScriptSearch:
     """A search that a script directs; see ``search.Search``.
 
     Parameters
     ----------
-    write : callable
+    method : callable
         Returns the script of a problem.
     problem : Problem
         Fresh, for this search alone.
     """
 
-    def __init__(self, write: Callable[[Problem], Script], problem: Problem) -> None:
+    def __init__(self, method: Method, problem: Problem) -> None:
         self._problem = problem
-        self._script = write(problem)
+        self._script = method(problem)
         self.best_x = problem.start.copy()
         self.best_value = -math.inf
         self.iteration = -1

@@ -5,7 +5,7 @@ A method knows positions, values and how many maps they cost; never sensors, mes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,11 +15,8 @@ from glvis.errors import StudyError
 from glvis.inputs.study import Study
 from glvis.optim.auto import auto
 from glvis.optim.box import Box
-from glvis.optim.covariance import cma
-from glvis.optim.differential import differential_evolution
 from glvis.optim.greedy import search_greedily
-from glvis.optim.refine import refine_alone
-from glvis.optim.script import Note, Problem, Script, ScriptSearch
+from glvis.optim.script import Method, Note, Problem, ScriptSearch
 from glvis.optim.search_options import MAPS
 from glvis.optim.surrogate import Surrogate
 from glvis.optim.swarm import Swarm
@@ -102,16 +99,13 @@ class SwarmSearch(Swarm):
         return self.options.iterations
 
 
-SCRIPTS: dict[str, Callable[[Problem], Script]] = {
+SCRIPTS: dict[str, Method] = {
     "auto": auto,
-    "cma": cma,
-    "de": differential_evolution,
     "greedy": search_greedily,
-    "refine": refine_alone,
 }
 
 
-def new_search(study: Study, most_poses: int) -> Search:
+def new_search(study: Study, most_poses: int, script: Method | None = None) -> Search:
     """Return the search that a study asks for, at its beginning.
 
     Parameters
@@ -120,18 +114,20 @@ def new_search(study: Study, most_poses: int) -> Search:
         With at least one variable.
     most_poses : int
         Poses whose maps the evaluator keeps.
+    script : callable, optional
+        A method in place of the study's.
     """
     rig = study.rig
-    if study.search.method == "swarm":
+    if script is None and study.search.method == "swarm":
         swarm = SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
         swarm.most_maps = study.search.max_maps
         return swarm
-    return _new_script_search(study, most_poses)
+    return _new_script_search(study, most_poses, script)
 
 
-def _new_script_search(study: Study, most_poses: int) -> ScriptSearch:
-    """Return the search of a study whose method is a script, at its beginning."""
-    rig = study.rig
+def _new_script_search(study: Study, most_poses: int, script: Method | None) -> ScriptSearch:
+    """Return the search of a study by a script, its own or another, at its beginning."""
+    rig, script = study.rig, script or SCRIPTS[study.search.method]
     box = Box(rig.bounds, rig.periodic)
 
     def pose_keys(x: Floats) -> list[object]:
@@ -149,12 +145,17 @@ def _new_script_search(study: Study, most_poses: int) -> ScriptSearch:
         pose_keys=pose_keys,
         rng=np.random.default_rng(study.swarm.seed),
         surrogate=surrogate,
-        learner=surrogate if study.search.method == "auto" else None,
+        learner=surrogate if script is auto else None,
     )
-    return ScriptSearch(SCRIPTS[study.search.method], problem)
+    return ScriptSearch(script, problem)
 
 
-def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray[Any]]) -> Search:
+def search_from_state(
+    study: Study,
+    most_poses: int,
+    state: Mapping[str, NDArray[Any]],
+    script: Method | None = None,
+) -> Search:
     """Return a search that goes on from ``state``.
 
     Raises
@@ -163,11 +164,11 @@ def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray
         If it cannot: another version of glvis or NumPy would have searched in another way.
     """
     try:
-        if study.search.method == "swarm":
+        if script is None and study.search.method == "swarm":
             swarm = SwarmSearch.from_state(state)
             swarm.most_maps = study.search.max_maps
             return swarm
-        search = _new_script_search(study, most_poses)
+        search = _new_script_search(study, most_poses, script)
         search.go_on(state)
         return search
     except StudyError:

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Method = Literal["swarm", "auto", "greedy", "refine", "cma", "de"]
+Method = Literal["swarm", "auto", "greedy"]
 METHODS = get_args(Method)
+FOR_COMPARISON = ("refine", "cma", "de")  # once methods of studies, now of tools/compare_methods
 MAPS = 4000  # a sensor and model, for all methods but "swarm", where the study does not say
 
 
@@ -19,10 +20,9 @@ class SearchOptions:
     ----------
     method : str
         "swarm": the paper's, with the options of its own table. "greedy": random poses of one
-        mount at a time. "refine": from the start, one block of variables at a time. "auto":
+        mount at a time. "auto":
         greedy starts and layouts optimised on a surrogate, the best of them improved by local
-        search and restarts; by local search alone where mounts share variables. "cma" (pycma, an
-        extra) and "de" (SciPy's differential evolution) are there for comparison.
+        search and restarts; by local search alone where mounts share variables.
     max_maps : int, optional
         Stop before more maps are rendered; without it "swarm" has its iterations, and the
         others 4,000 maps a sensor and model.
