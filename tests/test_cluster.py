@@ -198,7 +198,7 @@ def hanging(dask):
 
 def test_a_worker_that_hangs_is_helped_and_given_no_more(dask, study, jobs, hanging):
     dask.have("ann", "bob")
-    maps = ClusterMaps(MapScene.of(study), dask.address, patience_job=0.5)
+    maps = ClusterMaps(MapScene.of(study), dask.address, timeout=0.5)
     while len(maps._warm) < 2:
         list(maps.make(jobs))
     hanging("bob")
@@ -235,7 +235,7 @@ def freezing(dask, monkeypatch):
 def test_a_worker_frozen_with_its_maps_made_is_done_without(dask, study, jobs, freezing):
     dask.have("ann", "bob")
     # as long as no busy machine lets the other worker wait
-    maps = ClusterMaps(MapScene.of(study), dask.address, patience=120.0, patience_job=10.0)
+    maps = ClusterMaps(MapScene.of(study), dask.address, silence_timeout=120.0, timeout=10.0)
     with contextlib.ExitStack() as stack:
         stack.callback(maps.release)  # whatever fails: later tests count scenes
         while len(maps._warm) < 2:
@@ -253,7 +253,7 @@ def test_a_worker_frozen_with_its_maps_made_is_done_without(dask, study, jobs, f
 
 def test_a_worker_frozen_alone_with_its_maps_made_ends_the_run(dask, study, jobs, freezing):
     dask.have("ann")
-    maps = ClusterMaps(MapScene.of(study), dask.address, patience=3.0, patience_job=1.0)
+    maps = ClusterMaps(MapScene.of(study), dask.address, silence_timeout=3.0, timeout=1.0)
     freezing.name = "ann"
     with pytest.raises(MachineError, match=f"{dask.address}: none of 1 workers answered for"):
         list(maps.make(jobs))
@@ -266,14 +266,14 @@ def test_a_worker_frozen_before_a_search_is_told(dask, study):
     dask.processes["ann"].send_signal(signal.SIGSTOP)
     try:
         with pytest.raises(MachineError, match="a worker does not answer for 2 s; end it"):
-            ClusterMaps(MapScene.of(study), dask.address, patience_start=2.0)
+            ClusterMaps(MapScene.of(study), dask.address, first_timeout=2.0)
     finally:
         dask.processes["ann"].send_signal(signal.SIGCONT)
 
 
 def test_a_worker_that_hangs_alone_ends_the_run(dask, study, jobs, hanging):
     dask.have("ann")
-    maps = ClusterMaps(MapScene.of(study), dask.address, patience=3.0, patience_job=0.5)
+    maps = ClusterMaps(MapScene.of(study), dask.address, silence_timeout=3.0, timeout=0.5)
     list(maps.make(jobs))
     hanging("ann")
     with pytest.raises(MachineError, match=f"{dask.address}: none of 1 workers answered for 3"):
@@ -378,7 +378,7 @@ def test_maps_that_nobody_waits_for_any_more_are_forgotten(dask, study, jobs):
 
 def test_without_workers_the_search_ends_and_can_go_on(dask, study, tmp_path, monkeypatch):
     dask.have("ann")
-    hasty = partial(ClusterMaps, patience=1.0)
+    hasty = partial(ClusterMaps, silence_timeout=1.0)
     monkeypatch.setattr("glvis.optim.placement.ClusterMaps", hasty)
     path = tmp_path / "checkpoint.npz"
     with pytest.raises(MachineError) as error:
@@ -473,7 +473,7 @@ def test_answers_that_do_not_come_end_the_run(dask, study, jobs, monkeypatch, er
 def test_cluster_without_workers_is_not_waited_for_long(dask, study, monkeypatch):
     dask.have()
     with pytest.raises(MachineError, match=r"no worker for .* s; start some by: dask worker tcp"):
-        ClusterMaps(MapScene.of(study), dask.address, patience_start=0.1)
+        ClusterMaps(MapScene.of(study), dask.address, first_timeout=0.1)
 
 
 def test_lost_scheduler_ends_the_run(tmp_path, study, jobs, monkeypatch):
@@ -494,7 +494,7 @@ def test_lost_scheduler_ends_the_run(tmp_path, study, jobs, monkeypatch):
 def test_unreachable_scheduler_is_named(study):
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(MachineError, match=f"no dask scheduler answers at {address}: "):
-        ClusterMaps(MapScene.of(study), address, patience_start=0.2)
+        ClusterMaps(MapScene.of(study), address, first_timeout=0.2)
 
 
 @pytest.mark.parametrize("address", ["scheduler", "scheduler:8786", "http://a:1", "tcp://a"])

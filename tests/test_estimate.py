@@ -94,5 +94,5 @@ def test_shortest_of_the_studys_times_counts(tmp_path):
     assert measured_cost(load_study(path), max_seconds=0.0).max_seconds == 5
     shorter = ["swarm.max_seconds=3"]
     assert measured_cost(load_study(path, shorter), max_seconds=0.0).max_seconds == 3
-    other = [*shorter, "search.method=refine"]  # which the swarm's table is not about
+    other = [*shorter, "search.method=greedy"]  # which the swarm's table is not about
     assert measured_cost(load_study(path, other), max_seconds=0.0).max_seconds == 5

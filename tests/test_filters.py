@@ -64,7 +64,7 @@ def by_shader(faces: CameraFaces, limits: Limits) -> np.ndarray:
     size = np.array([70.0, 50.0])
     tan = np.array(limits.tan_half)[:, None]
     at = (np.stack([x, y]) / depth / tan + 1) / 2 * size[:, None]
-    columns = [*at, depth, faces.heights, faces.distances**2, faces.normals[2]]
+    columns = [*at, depth, faces.heights, faces.distances_squared, faces.normals[2]]
     rows = np.ascontiguousarray(np.stack(columns, axis=1), dtype=np.float32)
     program["size"].value = tuple(size)
     program["working_range"].value = (limits.min_distance, limits.max_distance)
@@ -95,7 +95,7 @@ def test_shaders_filter_as_numpy_does(seed, incidence):
         "fov": (fov, crop_fov(x, y, depth, limits)),
         "back": (back, crop_back(heights, axis_cos, limits)),
         # the shaders ask about the incidence of faces that look here alone
-        "norm": (norm & back, crop_norm(heights, faces.distances, axis_cos, limits) & back),
+        "norm": (norm & back, crop_norm(heights, faces.distances_squared, axis_cos, limits) & back),
         "near": (near, crop_near(depth, limits)),
     }
     for name, (shader, numpy) in expected.items():

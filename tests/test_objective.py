@@ -256,3 +256,11 @@ def test_values_of_many_layouts_are_those_of_each(kind, by_area, normalize, rng)
     counts[0] = 0
     each = [objective.terms(row, area)["value"] for row in counts]
     assert np.allclose(objective.values(counts, area), each, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["of1", "of2", "of3"])
+def test_value_by_model_is_the_value_of_each_model(kind):
+    objective = paper(kind=kind)
+    counts, areas = [COUNTS, [1, 0, 2]], [AREA, np.array([1.0, 2.0, 3.0])]
+    each = [objective.terms(*pair)["value"] for pair in zip(counts, areas, strict=True)]
+    assert objective.value_by_model(counts, areas).tolist() == each

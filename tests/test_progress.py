@@ -52,7 +52,7 @@ def path(tmp_path, rng):
     return write_small_study(tmp_path, rng)
 
 
-@pytest.mark.parametrize("method", ["auto", "greedy", "refine"])
+@pytest.mark.parametrize("method", ["auto", "greedy"])
 def test_methods_that_spend_maps_tell_how_many(path, method):
     said, placement = told(path, f"search.method={method}", "search.max_maps=300")
     assert {(p.limit, p.most) for p in said} == {("maps", 300)}
@@ -72,7 +72,7 @@ def test_a_swarm_with_few_maps_tells_of_maps_and_with_many_of_iterations(path):
 
 def test_a_search_with_little_time_tells_of_time(path):
     plenty = ("swarm.iterations=100_000", "swarm.stall_iterations=100_000")
-    for method in ("refine", "swarm"):
+    for method in ("auto", "swarm"):
         search = (f"search.method={method}", "search.max_maps=10_000_000")
         said, _ = told(path, *plenty, *search, "search.max_seconds=0.2")
         assert {(p.limit, p.most) for p in said} == {("seconds", 0.2)}
@@ -81,7 +81,7 @@ def test_a_search_with_little_time_tells_of_time(path):
 
 
 def test_an_extension_beyond_the_maps_tells_of_its_iterations(path, tmp_path):
-    overrides = ("search.method=refine", "search.max_maps=60")
+    overrides = ("search.method=auto", "search.max_maps=60")
     checkpoint = {"checkpoint": tmp_path / "checkpoint.npz"}
     before, _ = told(path, *overrides, **checkpoint)
     said, _ = told(path, *overrides, **checkpoint, resume=True, extend=3)

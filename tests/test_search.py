@@ -1,76 +1,28 @@
 """Search methods on functions whose best place is known; budgets, resumption, whole studies."""
 
-import gc
 import math
-import sys
-import threading
 from itertools import groupby
 
 import numpy as np
 import pytest
+from courses import ALL_METHODS, PAIR, SHARED, Course, bowl, problem
+from methods.refine import refine_alone
 from small_study import SMALL, write_small_study
 
-from glvis.errors import MachineError, StudyError
+from glvis.errors import StudyError
 from glvis.inputs.study import load_study
-from glvis.optim.auto import _recombined, _sketches
+from glvis.optim.auto import _combine, _make_surrogate_layouts, auto, restart_block, restart_cost
 from glvis.optim.box import Box
-from glvis.optim.climb import climbed, near, sketched
 from glvis.optim.evaluator import Evaluator
-from glvis.optim.greedy import _drawn, greedy, greedy_alone, mounts_of
+from glvis.optim.greedy import draw, place_greedily, search_greedily, sensor_groups
+from glvis.optim.local_search import optimize_on_surrogate, perturb, search_locally
 from glvis.optim.placement import place_sensors
-from glvis.optim.refine import Steps, refine_alone
-from glvis.optim.rivals import challenge, cost
 from glvis.optim.run import Run
-from glvis.optim.script import Block, Problem, ScriptSearch
-from glvis.optim.search import METHODS
-from glvis.optim.search_options import SearchOptions
-
-
-def problem(moved_by, *, max_maps=1500, seed=1, start=0.1, models=1, most_poses=10_000):
-    """Return a problem in the unit cube; ``moved_by`` lists the columns of each sensor."""
-    moved_by = tuple(frozenset(columns) for columns in moved_by)
-    d = 1 + max(column for columns in moved_by for column in columns)
-    return Problem(
-        box=Box(np.tile([0.0, 1.0], (d, 1))),
-        start=np.full(d, start),
-        moved_by=moved_by,
-        models=models,
-        max_maps=max_maps,
-        most_poses=most_poses,
-        views=lambda x: [x[sorted(columns)].tobytes() for columns in moved_by],
-        rng=np.random.default_rng(seed),
-    )
-
-
-class Course:
-    """Evaluates a function of positions and counts maps as an evaluator would."""
-
-    def __init__(self, search, function, moved_by, models=1):
-        self.search, self.function, self.moved_by = search, function, moved_by
-        self.models, self.seen, self.asks = models, set(), []
-
-    def run(self, most=math.inf):
-        while self.search.stop_reason is None and len(self.asks) < most:
-            x = self.search.ask()
-            sensors = self.search.sensors
-            looking = range(len(self.moved_by)) if sensors is None else sensors
-            before, cost = len(self.seen), self.search.cost
-            self.seen |= {row[sorted(self.moved_by[s])].tobytes() for row in x for s in looking}
-            assert self.models * (len(self.seen) - before) <= cost, self.search.method
-            self.asks.append((x, sensors, self.search.method))
-            values = np.array([self.function(row, looking) for row in x])
-            self.search.tell(values, self.models * len(self.seen))
-        return self.search
-
+from glvis.optim.script import Block, ScriptSearch
+from glvis.optim.search import SCRIPTS
+from glvis.optim.search_options import METHODS, SearchOptions
 
 STAGES = ("sketch", "climb", "rivals", "recombine")  # of auto, beside other methods
-PAIR = ((0, 1), (2, 3))  # two mounts of two variables each
-SHARED = ((0, 1), (0, 1), (0, 2), (0, 2))  # two mirrored mounts at one height
-
-
-def bowl(x, looking, at=0.7):
-    """Return minus the squared distance from a place; the same for every subset."""
-    return -float(np.sum((x - at) ** 2))
 
 
 def test_blocks_are_what_moves_together_and_all_that_moves_no_others():
@@ -85,59 +37,12 @@ def test_blocks_are_what_moves_together_and_all_that_moves_no_others():
     ]
 
 
-def test_mounts_are_sensors_of_the_same_variables_and_know_whether_they_are_alone():
-    one, other = mounts_of(problem(PAIR))
-    assert one.is_alone and one.sensors == (0,) and one.kind == other.kind
-    one, other = mounts_of(problem(SHARED))
-    assert not one.is_alone and one.sensors == (0, 1) and one.columns.tolist() == [0, 1]
+def test_groups_are_sensors_of_the_same_variables_and_know_whether_they_are_separable():
+    one, other = sensor_groups(problem(PAIR))
+    assert one.is_separable and one.sensors == (0,) and one.kind == other.kind
+    one, other = sensor_groups(problem(SHARED))
+    assert not one.is_separable and one.sensors == (0, 1) and one.columns.tolist() == [0, 1]
     assert one.kind != other.kind
-
-
-@pytest.mark.parametrize("moved_by", [PAIR, SHARED])
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_refinement_comes_as_close_to_the_top_of_a_bowl_as_one_likes(moved_by, seed):
-    search = ScriptSearch(refine_alone, problem(moved_by, seed=seed))
-    Course(search, bowl, moved_by).run()
-    assert search.best_value > -1e-5
-    assert np.abs(search.best_x - 0.7).max() < 3e-3
-
-
-def test_refinement_learns_the_direction_of_a_valley():
-    def valley(x, looking):
-        return -float((x[0] - x[1]) ** 2 * 1e4 + (x[0] + x[1] - 1.4) ** 2)
-
-    search = ScriptSearch(refine_alone, problem([(0, 1)], start=0.2))
-    Course(search, valley, [(0, 1)]).run()
-    assert search.best_value > -1e-5
-
-
-def test_refinement_moves_one_block_at_a_time_and_renders_only_its_sensors():
-    search = ScriptSearch(refine_alone, problem(PAIR, max_maps=300))
-    course = Course(search, bowl, PAIR)
-    course.run()
-    best = course.asks[0][0][0]
-    value = bowl(best, ())
-    for x, _, method in course.asks[1:]:
-        moved = {int(c) for c in np.flatnonzero((x != best).any(axis=0))}
-        assert method == "refine" and (moved <= {0, 1} or moved <= {2, 3})
-        values = [bowl(row, ()) for row in x]
-        if max(values) >= value:
-            best, value = x[int(np.argmax(values))], max(values)
-    evaluations = sum(len(x) for x, _, _ in course.asks)
-    assert len(course.seen) <= evaluations + 1  # one new pose each, both at the start
-
-
-def test_steps_grow_with_success_shrink_without_and_begin_anew_when_tiny():
-    steps = Steps(Block((0,), (0,), (0,)))
-    first = steps.size
-    steps.learn(1.0, np.array([0.1]))
-    assert steps.size > first
-    sizes = []
-    for _ in range(100):
-        steps.learn(0.0, None)
-        sizes.append(steps.size)
-    assert min(sizes) < 0.02 * first
-    assert first in sizes[int(np.argmin(sizes)) :]
 
 
 def test_greedy_finds_for_each_mount_the_best_of_the_same_poses_at_no_further_cost():
@@ -148,7 +53,7 @@ def test_greedy_finds_for_each_mount_the_best_of_the_same_poses_at_no_further_co
         return -sum(min(float(np.sum((p - t) ** 2)) for p in places) for t in targets)
 
     task = problem(PAIR, max_maps=600)
-    course = Course(ScriptSearch(greedy_alone, task), cover, PAIR)
+    course = Course(ScriptSearch(search_greedily, task), cover, PAIR)
     search = course.run()
     assert search.best_value > -0.01
     assert search.stop_reason == "finished: greedy choice and exchanges found no more"
@@ -166,7 +71,7 @@ def hills(x, looking):
     return float(np.maximum(low, 2 - 10 * np.linalg.norm(places - 0.8, axis=1)).sum())
 
 
-def told(script, function, sensors):
+def run_script(script, function, sensors):
     """Return what a script returns, and how many positions it asked for."""
     asked, values = 0, None
     try:
@@ -179,19 +84,19 @@ def told(script, function, sensors):
 
 
 def guided(moved_by, function, **settings):
-    """Return a problem whose guess is right."""
+    """Return a problem whose surrogate is right."""
     task = problem(moved_by, **settings)
     everybody = range(len(moved_by))
-    task.guess = lambda x, sensors: np.array([function(row, sensors or everybody) for row in x])
+    task.surrogate = lambda x, sensors: np.array([function(row, sensors or everybody) for row in x])
     return task
 
 
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_climbing_finds_the_top_of_a_bowl_and_sooner_with_a_guess(moved_by, seed):
+def test_local_search_finds_the_top_of_a_bowl_and_sooner_with_a_surrogate(moved_by, seed):
     def from_start(task):
         (value,) = yield task.ask(task.start[None], range(len(moved_by)), "start")
-        yield from climbed(task, task.start, value)
+        yield from search_locally(task, task.start, value)
 
     asked = []
     for task in (problem(moved_by, seed=seed), guided(moved_by, bowl, seed=seed)):
@@ -210,9 +115,9 @@ def ridge(x, looking):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_climbing_follows_a_ridge_where_mounts_must_adapt_to_what_they_share(seed):
+def test_local_search_follows_a_ridge_where_groups_must_adapt_to_what_they_share(seed):
     task = guided(SHARED, ridge, seed=seed, max_maps=1000)
-    search = ScriptSearch(lambda task: climbed(task, task.start, -np.inf), task)
+    search = ScriptSearch(lambda task: search_locally(task, task.start, -np.inf), task)
     Course(search, ridge, SHARED).run()
     assert search.best_value > -0.05  # by steps of a whole block -0.24 at best
 
@@ -220,7 +125,7 @@ def test_climbing_follows_a_ridge_where_mounts_must_adapt_to_what_they_share(see
 def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
     task = problem(SHARED, start=0.5)
     for block in task.blocks:
-        moved = near(task, task.start[None], block.columns, 500)[0] - task.start
+        moved = perturb(task, task.start[None], block.columns, 500)[0] - task.start
         columns = list(block.columns)
         assert not np.delete(moved, columns, axis=1).any()
         assert (moved[:, columns] != 0).any(axis=1).all()  # one at least
@@ -229,64 +134,66 @@ def test_steps_are_of_all_sizes_and_move_some_of_a_block_and_nothing_else():
         assert np.abs(moved).max() <= 0.5
 
 
-def test_sketches_end_where_the_guess_is_best_each_by_itself():
+def test_layouts_end_where_the_surrogate_is_best_each_by_itself():
     task = guided(PAIR, hills)
     begin = np.array([[0.2, 0.2, 0.2, 0.2], [0.7, 0.75, 0.1, 0.1], [0.9, 0.9, 0.9, 0.9]])
     kept = begin.copy()
-    climbed_on, guesses = sketched(task, begin, task.blocks, 30, with_leaps=False)
-    leapt, _ = sketched(task, begin, task.blocks, 30, with_leaps=True)
+    improved, predicted = optimize_on_surrogate(
+        task, begin, task.blocks, 30, 32, with_restarts=False
+    )
+    restarted, _ = optimize_on_surrogate(task, begin, task.blocks, 30, 32, with_restarts=True)
     assert np.array_equal(begin, kept)
-    assert np.array_equal(guesses, task.guess(climbed_on, None))
-    assert task.guess(climbed_on, None) == pytest.approx([2, 3, 4], abs=0.1)
-    assert task.guess(leapt, None) == pytest.approx([4, 4, 4], abs=0.2)
-    one, _ = sketched(task, begin, [task.blocks[1]], 5, with_leaps=True)
+    assert np.array_equal(predicted, task.surrogate(improved, None))
+    assert task.surrogate(improved, None) == pytest.approx([2, 3, 4], abs=0.1)
+    assert task.surrogate(restarted, None) == pytest.approx([4, 4, 4], abs=0.2)
+    one, _ = optimize_on_surrogate(task, begin, [task.blocks[1]], 5, 32, with_restarts=True)
     assert np.array_equal(one[:, :2], begin[:, :2])
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_sketches_come_with_their_own_values(seed):
+def test_layouts_of_the_surrogate_come_with_their_own_values(seed):
     task = guided(PAIR, hills, seed=seed, max_maps=4000)
-    runs, _ = told(_sketches(task, 0.3, 2, 8), hills, range(2))
+    runs, _ = run_script(_make_surrogate_layouts(task, 0.3, 2, 8), hills, range(2))
     assert len(runs) > 2 * 32  # those given up on the way are among them
     assert [value for _, value in runs] == [hills(x, range(2)) for x, _ in runs]
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_rivals_find_the_hill_that_climbing_does_not_lead_to(seed):
-    def challenged(task):  # by rivals that no guess helps, then climbed from
+def test_restarts_find_the_hill_that_local_search_does_not_lead_to(seed):
+    def restarted(task):  # without a surrogate, then improved by local search
         x, value = task.start, hills(task.start, (0, 1))
-        while task.left() > cost(task, task.blocks[1]):
-            rival, rivals_value = yield from challenge(task, x, task.blocks[1])
-            assert np.array_equal(rival[:2], x[:2])  # the other mount stays
-            assert rivals_value == hills(rival, (0, 1))
-            if rivals_value > value:
-                x, value = rival, rivals_value
-        yield from climbed(task, x, value)
+        while task.left() > restart_cost(task, task.blocks[1]):
+            layout, layouts_value = yield from restart_block(task, x, task.blocks[1])
+            assert np.array_equal(layout[:2], x[:2])  # the other mount stays
+            assert layouts_value == hills(layout, (0, 1))
+            if layouts_value > value:
+                x, value = layout, layouts_value
+        yield from search_locally(task, x, value)
 
     best = {}
-    for script in (challenged, refine_alone):
+    for script in (restarted, refine_alone):
         search = ScriptSearch(script, problem(PAIR, seed=seed, start=0.2, max_maps=400))
         best[script] = Course(search, hills, PAIR).run().best_value
-    assert best[challenged] > 1 + 1.5
+    assert best[restarted] > 1 + 1.5
     assert best[refine_alone] < 2 + 1e-9
 
 
 @pytest.mark.parametrize("max_maps", [100, 333, 1000, 4000])
 def test_auto_spends_what_it_may(max_maps):
-    course = Course(ScriptSearch(METHODS["auto"], problem(PAIR, max_maps=max_maps)), bowl, PAIR)
+    course = Course(ScriptSearch(SCRIPTS["auto"], problem(PAIR, max_maps=max_maps)), bowl, PAIR)
     course.run()
     assert max_maps - 10 < len(course.seen) <= max_maps
 
 
-def test_challenge_costs_no_more_than_it_says():
+def test_restart_costs_no_more_than_it_says():
     task = problem(SHARED, models=2)
     for block in task.blocks:
-        _, asked = told(challenge(task, task.start, block), bowl, range(4))
-        assert asked * len(block.sensors) * 2 == cost(task, block)
+        _, asked = run_script(restart_block(task, task.start, block), bowl, range(4))
+        assert asked * len(block.sensors) * 2 == restart_cost(task, block)
 
 
-def test_auto_only_sketches_and_climbs_where_mounts_share_variables():
-    course = Course(ScriptSearch(METHODS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
+def test_auto_makes_no_restarts_where_groups_share_variables():
+    course = Course(ScriptSearch(SCRIPTS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
     course.run()
     stages = [method for method, _ in groupby(method for _, _, method in course.asks)]
     assert stages == ["sketch", "climb", "sketch", "climb"]  # the start, where it leads, others
@@ -294,7 +201,7 @@ def test_auto_only_sketches_and_climbs_where_mounts_share_variables():
 
 
 def test_auto_takes_every_mount_to_the_higher_hill():
-    search = ScriptSearch(METHODS["auto"], problem(PAIR, max_maps=2000, start=0.2))
+    search = ScriptSearch(SCRIPTS["auto"], problem(PAIR, max_maps=2000, start=0.2))
     assert Course(search, hills, PAIR).run().best_value > 3.9
 
 
@@ -303,17 +210,17 @@ def test_places_that_runs_found_are_combined_at_no_cost_of_maps():
     good, bad = [0.7, 0.7], [0.0, 0.0]
     found = [np.array(one + other) for one, other in ((good, bad), (bad, bad))]
     run = (found[1], bowl(found[1], ()))
-    (x, value), _ = told(_recombined(task, run, found), bowl, (0, 1))
+    (x, value), _ = run_script(_combine(task, run, found), bowl, (0, 1))
     assert x.tolist() == good + good and value == bowl(x, ())
     worse = [np.array(bad + bad)]
     run = (found[0], bowl(found[0], ()))
-    (x, value), _ = told(_recombined(task, run, worse), bowl, (0, 1))
+    (x, value), _ = run_script(_combine(task, run, worse), bowl, (0, 1))
     assert x is found[0] and value == bowl(x, ())
 
 
-def test_poses_with_the_best_guess_are_drawn_and_often_on_the_bounds():
+def test_poses_with_the_best_prediction_are_drawn_and_often_on_the_bounds():
     tasks = problem(PAIR), guided(PAIR, bowl)
-    drawn = [_drawn(task, mounts_of(task)[0], 400) for task in tasks]
+    drawn = [draw(task, sensor_groups(task)[0], 400) for task in tasks]
     far = [np.linalg.norm(places - 0.7, axis=1).mean() for places in drawn]
     assert far[1] < 0.6 * far[0]
     on_bounds = np.mean((drawn[0] == 0) | (drawn[0] == 1))
@@ -321,7 +228,7 @@ def test_poses_with_the_best_guess_are_drawn_and_often_on_the_bounds():
 
 
 def test_greedy_with_shared_variables_leaves_what_is_decided_alone():
-    course = Course(ScriptSearch(greedy_alone, problem(SHARED, max_maps=400)), bowl, SHARED)
+    course = Course(ScriptSearch(search_greedily, problem(SHARED, max_maps=400)), bowl, SHARED)
     course.run()
     first = [x for x, sensors, _ in course.asks if sensors == (0, 1)]
     second = [x for x, sensors, _ in course.asks if sensors == (0, 1, 2, 3)]
@@ -331,31 +238,31 @@ def test_greedy_with_shared_variables_leaves_what_is_decided_alone():
 
 def test_greedy_takes_no_more_poses_than_are_kept():
     course = Course(
-        ScriptSearch(greedy_alone, problem(PAIR, max_maps=10_000, most_poses=100)), bowl, PAIR
+        ScriptSearch(search_greedily, problem(PAIR, max_maps=10_000, most_poses=100)), bowl, PAIR
     )
     course.run()
     assert len(course.seen) <= 50 + 1
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])
 @pytest.mark.parametrize("max_maps", [10, 333, 2000])
 def test_no_method_renders_more_maps_than_it_may(name, moved_by, max_maps):
-    search = ScriptSearch(METHODS[name], problem(moved_by, max_maps=max_maps, models=2))
+    search = ScriptSearch(ALL_METHODS[name], problem(moved_by, max_maps=max_maps, models=2))
     course = Course(search, bowl, moved_by, models=2)
     course.run()
     assert 2 * len(course.seen) <= max_maps
     assert search.stop_reason.startswith("finished: ")
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 def test_script_that_goes_on_asks_for_what_an_unbroken_one_asks_for(name):
-    whole = Course(ScriptSearch(METHODS[name], problem(PAIR)), bowl, PAIR)
+    whole = Course(ScriptSearch(ALL_METHODS[name], problem(PAIR)), bowl, PAIR)
     whole.run()
-    broken = Course(ScriptSearch(METHODS[name], problem(PAIR)), bowl, PAIR)
+    broken = Course(ScriptSearch(ALL_METHODS[name], problem(PAIR)), bowl, PAIR)
     broken.run(most=7)
     state = broken.search.state()
-    again = ScriptSearch(METHODS[name], problem(PAIR))
+    again = ScriptSearch(ALL_METHODS[name], problem(PAIR))
     again.go_on(state)
     assert again.best_value == broken.search.best_value
     rest = Course(again, bowl, PAIR)
@@ -369,15 +276,15 @@ def test_script_that_goes_on_asks_for_what_an_unbroken_one_asks_for(name):
 
 
 def test_script_that_would_go_another_way_is_refused():
-    broken = Course(ScriptSearch(refine_alone, problem(PAIR)), bowl, PAIR)
+    broken = Course(ScriptSearch(auto, problem(PAIR)), bowl, PAIR)
     broken.run(most=3)
-    other = ScriptSearch(refine_alone, problem(PAIR, seed=2))
+    other = ScriptSearch(auto, problem(PAIR, seed=2))
     with pytest.raises(StudyError, match="the search cannot go on: this version of glvis or NumPy"):
         other.go_on(broken.search.state())
 
 
 def test_extension_goes_beyond_the_budget_by_so_many_iterations():
-    course = Course(ScriptSearch(refine_alone, problem(PAIR, max_maps=100)), bowl, PAIR)
+    course = Course(ScriptSearch(auto, problem(PAIR, max_maps=100)), bowl, PAIR)
     search = course.run()
     done = search.iteration
     search.extend(5)
@@ -389,7 +296,7 @@ def test_extension_goes_beyond_the_budget_by_so_many_iterations():
 
 
 def test_ended_search_has_nothing_to_ask_and_wrong_values_are_refused():
-    search = ScriptSearch(refine_alone, problem(PAIR))
+    search = ScriptSearch(auto, problem(PAIR))
     with pytest.raises(ValueError, match=r"values of shape \(2,\) are not those of what was asked"):
         search.tell([0.0, 0.0], 2)
     search.stop("interrupted: Ctrl-C")
@@ -399,7 +306,7 @@ def test_ended_search_has_nothing_to_ask_and_wrong_values_are_refused():
 
 
 def test_value_that_is_no_number_never_becomes_the_best():
-    search = ScriptSearch(refine_alone, problem(PAIR, max_maps=200))
+    search = ScriptSearch(auto, problem(PAIR, max_maps=200))
 
     def holed(x, looking):
         return math.nan if x[0] > 0.5 else bowl(x, looking)
@@ -413,14 +320,16 @@ def small(tmp_path, rng):
     return write_small_study(tmp_path, rng)
 
 
-@pytest.mark.parametrize("method", sorted(METHODS))
+@pytest.mark.parametrize("method", sorted(ALL_METHODS))
 def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method, tmp_path):
     most, last = (1000, 1) if method == "de" else (300, 6)  # whose first iteration takes 240
-    study = load_study(small, [f"search.method={method}", f"search.max_maps={most}"])
-    placement = place_sensors(study)
+    script = None if method in SCRIPTS else ALL_METHODS[method]
+    named = [f"search.method={method}"] * (method in SCRIPTS)
+    study = load_study(small, ["search.method=auto", *named, f"search.max_maps={most}"])
+    placement = place_sensors(study, script=script)
     assert placement.value > placement.start_value
     assert placement.maps_rendered <= most
-    assert {row.method for row in placement.trace} <= {*METHODS, *STAGES}
+    assert {row.method for row in placement.trace} <= {*ALL_METHODS, *STAGES}
     assert placement.trace[-1].best == placement.value
     with Evaluator(study) as evaluator:
         assert evaluator(placement.position)[0] == placement.value
@@ -431,71 +340,22 @@ def test_study_is_searched_by_the_method_it_names_within_its_maps(small, method,
 
     path = tmp_path / "checkpoint.npz"
     with pytest.raises(InterruptedError):
-        place_sensors(study, checkpoint=path, on_iteration=stop)
-    resumed = place_sensors(study, checkpoint=path, resume=True, workers=2)
+        place_sensors(study, checkpoint=path, on_iteration=stop, script=script)
+    resumed = place_sensors(study, checkpoint=path, resume=True, workers=2, script=script)
     assert [row[:-1] for row in resumed.trace] == [row[:-1] for row in placement.trace]
     assert np.array_equal(resumed.position, placement.position)
     assert resumed.maps_rendered == placement.maps_rendered
 
 
-@pytest.mark.parametrize("name", ["cma", "de"])
-@pytest.mark.parametrize("seed", [1, 2])
-def test_methods_for_comparison_find_the_top_of_a_bowl(name, seed):
-    before = np.random.get_state()[1].tolist()  # noqa: NPY002
-    search = ScriptSearch(METHODS[name], problem(SHARED, max_maps=12_000, seed=seed))
-    Course(search, bowl, SHARED).run()
-    assert search.best_value > -1e-4
-    assert np.random.get_state()[1].tolist() == before  # noqa: NPY002 (chance has one source)
-
-
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(ALL_METHODS))
 def test_one_variable_and_one_that_cannot_move_are_no_trouble(name):
-    single = ScriptSearch(METHODS[name], problem([(0,)], max_maps=500))
+    single = ScriptSearch(ALL_METHODS[name], problem([(0,)], max_maps=500))
     assert Course(single, bowl, [(0,)]).run().best_value > -1e-3
     task = problem(PAIR, max_maps=3000)
     task.box = Box([[0, 1], [0.5, 0.5], [0, 1], [0, 1]])
     task.start = np.array([0.1, 0.5, 0.1, 0.1])
-    held = Course(ScriptSearch(METHODS[name], task), bowl, PAIR).run()
+    held = Course(ScriptSearch(ALL_METHODS[name], task), bowl, PAIR).run()
     assert held.best_x[1] == 0.5 and held.best_value > -0.1
-
-
-def test_covariance_restarts_with_twice_the_population_and_wraps():
-    task = problem(PAIR, max_maps=12_000)
-    task.box = Box(task.box.bounds, [True, False, False, False])
-
-    def ring(x, looking):
-        around = abs(x[0] - 0.98)
-        return -float(min(around, 1 - around) ** 2 + np.sum((x[1:] - 1.0) ** 2))
-
-    task.start = np.array([0.05, 0.5, 0.5, 0.5])
-    search = ScriptSearch(METHODS["cma"], task)
-    course = Course(search, ring, PAIR)
-    course.run()
-    assert search.best_value > -1e-6
-    sizes = [len(x) for x, *_ in course.asks]
-    assert {8, 16} <= set(sizes) and sizes == sorted(sizes)
-    for x, *_ in course.asks:
-        assert (x >= 0).all() and (x <= 1).all()
-
-
-def test_differential_evolution_ends_where_its_population_is_one_and_leaves_no_thread():
-    threads = threading.active_count()
-    search = ScriptSearch(METHODS["de"], problem([(0,)], max_maps=10**6))
-    Course(search, lambda x, looking: -float(round(abs(x[0] - 0.7), 2)), [(0,)]).run(most=300)
-    search = ScriptSearch(METHODS["de"], problem([(0,)], max_maps=10**6))
-    flat = Course(search, lambda x, looking: 1.0, [(0,)])
-    assert flat.run().stop_reason == "finished: no two layouts of the population differ"
-    del search, flat
-    gc.collect()
-    assert threading.active_count() == threads
-
-
-def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "cma", None)
-    with pytest.raises(MachineError) as error:
-        ScriptSearch(METHODS["cma"], problem(PAIR))
-    assert str(error.value).startswith("search.method = 'cma' needs pycma (")
-    assert 'install it by: pip install ".[methods]" in the checkout' in str(error.value)
 
 
 def test_swarm_obeys_the_maps_and_the_seconds_too(small):
@@ -512,8 +372,8 @@ def test_method_is_auto_unless_the_study_names_one(small):
         small.write_text(SMALL.replace('[search]\nmethod = "swarm"\n', text))
         assert load_study(small).search == SearchOptions() == SearchOptions("auto")
         assert load_study(small, ["search.max_maps=9"]).search == SearchOptions("auto", 9)
-    small.write_text(SMALL.replace('method = "swarm"', 'method = "refine"\nmax_seconds = 2.5'))
-    assert load_study(small).search == SearchOptions("refine", None, 2.5)
+    small.write_text(SMALL.replace('method = "swarm"', 'method = "greedy"\nmax_seconds = 2.5'))
+    assert load_study(small).search == SearchOptions("greedy", None, 2.5)
 
 
 @pytest.mark.parametrize(
@@ -531,7 +391,7 @@ def test_options_out_of_range_are_refused(options, message):
 
 
 def test_greedy_gives_its_layouts_best_first():
-    script = greedy(problem(PAIR), 200, 3)
+    script = place_greedily(problem(PAIR), 200, 3)
     ask = next(script)
     try:
         while True:
@@ -543,22 +403,39 @@ def test_greedy_gives_its_layouts_best_first():
     assert values[0] == bowl(layouts[0], ())
 
 
-def test_mounts_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
+def test_groups_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
     task = problem(PAIR)
-    task.views = lambda x: [x[:2].tobytes(), (-x[2:]).tobytes()]
-    one, other = mounts_of(task)
+    task.pose_keys = lambda x: [x[:2].tobytes(), (-x[2:]).tobytes()]
+    one, other = sensor_groups(task)
     assert one.kind != other.kind
 
 
-@pytest.mark.parametrize("method", sorted({*METHODS} - {"cma"}))
+@pytest.mark.parametrize("method", sorted({*ALL_METHODS} - {"cma"}))
 def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path, rng, method):
     path = write_small_study(tmp_path, rng)
     fixed = [f"variables.{text}" for text in ("turn=10", "azimuth=60", "elevation=20")]
     narrow = ["variables.height={min = 1, max = 1.00000001}"]
-    search = [f"search.method={method}", "search.max_maps=200"]
-    study = load_study(path, [*fixed, *narrow, *search])
+    study = load_study(path, [*fixed, *narrow, "search.method=auto", "search.max_maps=200"])
     with Evaluator(study) as evaluator:
-        run = Run(study, evaluator)
+        run = Run(study, evaluator, script=ALL_METHODS[method])
         while run.search.stop_reason is None and run.search.iteration < 2000:
             run.iterate()
         assert run.search.stop_reason.startswith("finished: ")
+
+
+def test_every_method_but_the_swarm_is_a_script():
+    assert {*METHODS} == {*SCRIPTS, "swarm"}
+
+
+def test_script_of_ones_own_takes_the_place_of_a_method_but_not_of_the_swarm(small):
+    def first_draw(task):
+        """Evaluate one random layout."""
+        yield task.ask(task.box.uniform(1, task.rng), range(2), "mine")
+        return "one is enough"
+
+    study = load_study(small, ["search.method=auto"])
+    placement = place_sensors(study, script=first_draw)
+    assert [row.method for row in placement.trace] == ["mine"]
+    assert placement.stop_reason == "finished: one is enough"
+    with pytest.raises(ValueError, match=r"script replaces a search\.method other than 'swarm'"):
+        place_sensors(load_study(small), script=first_draw)

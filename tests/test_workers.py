@@ -16,8 +16,9 @@ import glvis.optim.workers
 from glvis.errors import MachineError
 from glvis.inputs.study import load_study
 from glvis.optim.evaluator import Evaluator
+from glvis.optim.jobs import job_timeout, share_out
 from glvis.optim.placement import place_sensors
-from glvis.optim.workers import Workers, available_cores, patience_with, shared_out
+from glvis.optim.workers import Workers, available_cores
 from glvis.sight.maps import MapJob, MapScene
 
 
@@ -84,7 +85,7 @@ def test_search_finds_the_same_with_any_number_of_workers(study):
 
 def test_jobs_are_shared_out_whole_in_parts_that_become_smaller(jobs):
     for workers, least, most in ((1, 2, 1000), (2, 1, 10), (3, 4, 8)):
-        parts, spans = shared_out(jobs, workers, least, most)
+        parts, spans = share_out(jobs, workers, least, most)
         for job, (begin, end) in zip(jobs, spans, strict=True):
             mine = parts[begin:end]
             assert {part.sensor for part in mine} == {job.sensor}
@@ -98,7 +99,7 @@ def test_jobs_are_shared_out_whole_in_parts_that_become_smaller(jobs):
 
 def test_few_poses_are_shared_out_evenly(jobs):
     for n, expected in ((6, [3, 3]), (11, [6, 5]), (1, [1]), (16, [8, 8])):
-        parts, _ = shared_out([jobs[0][:n]], 2, 1, 32)
+        parts, _ = share_out([jobs[0][:n]], 2, 1, 32)
         assert [len(part) for part in parts] == expected
 
 
@@ -125,7 +126,7 @@ def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, jobs):
 
 
 def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, jobs):
-    workers = Workers(MapScene.of(study), 2, patience=1.0)
+    workers = Workers(MapScene.of(study), 2, timeout=1.0)
     while not all(worker.is_ready for worker in workers._crew):
         workers._listen(glvis.optim.workers._Call())
     frozen = processes(workers)[1]
@@ -148,8 +149,8 @@ def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, jobs):
         (128, 1.0, 540.0),
     ],
 )
-def test_patience_is_a_multiple_of_the_longest_job_within_limits(poses, slowest, seconds):
-    assert patience_with(poses, slowest) == pytest.approx(seconds)
+def test_timeout_is_a_multiple_of_the_longest_job_within_limits(poses, slowest, seconds):
+    assert job_timeout(poses, slowest) == pytest.approx(seconds)
 
 
 def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):

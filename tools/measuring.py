@@ -44,7 +44,7 @@ _STEPS: tuple[tuple[str, str, str, str], ...] = (
     ("glvis.sight.renderer", "Renderer", "_read_ids", "read-back"),
     (_DRAW, "", "pixels_of_faces", "marking, NumPy"),
     ("glvis.sight.coincident", "Coincident", "pixels_shared", "marking, NumPy"),
-    ("glvis.sight.trace", "", "visible", "points, NumPy"),
+    ("glvis.sight.rays", "", "visible", "points, NumPy"),
 )
 
 

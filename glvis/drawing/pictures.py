@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from glvis.drawing.coloring import KINDS, coloring
 from glvis.drawing.modelsheets import MODELS_A_SHEET, models_sheet
-from glvis.drawing.plots import TraceLike, write_convergence
+from glvis.drawing.plots import write_convergence
 from glvis.drawing.scenesheets import (
     SIZE,
     close_sheet,
@@ -25,6 +25,7 @@ from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
 from glvis.drawing.sheet import Sheet
 from glvis.drawing.stage import Stage
 from glvis.inputs.study import Study
+from glvis.optim.trace import TraceRow
 from glvis.sight.visibility import VisibilityMap
 
 _SURROUNDED = ("sensor", "overlap")  # colours that are also shown with the rig, from four sides
@@ -38,7 +39,7 @@ def write_views(
     maps: Sequence[VisibilityMap],
     directory: Path,
     *,
-    trace: Sequence[TraceLike] = (),
+    trace: Sequence[TraceRow] = (),
     start_value: float | None = None,
     size: tuple[int, int] = SIZE,
     view: tuple[float, float] | None = None,

@@ -8,34 +8,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from glvis.drawing.palette import OKABE_ITO
+from glvis.optim.trace import TraceRow
 
 _DPI = 200
 
 
-class TraceLike(Protocol):
-    """One step of a search; see ``swarm.TraceRow``."""
-
-    @property
-    def best(self) -> float:
-        """Largest value so far."""
-
-    @property
-    def mean(self) -> float:
-        """Mean value of this step."""
-
-    @property
-    def evaluations(self) -> int:
-        """Evaluations so far."""
-
-
 def write_convergence(
     path: Path,
-    trace: Sequence[TraceLike],
+    trace: Sequence[TraceRow],
     *,
     title: str,
     quantity: str,

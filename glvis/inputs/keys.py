@@ -204,7 +204,7 @@ KEY_TABLES = (
         "What searches, and for how long.",
         SearchTable,
         {
-            "method": '"auto", "swarm" (the paper\'s), "greedy", "refine", "cma" or "de"',
+            "method": '"auto", "swarm" (the paper\'s) or "greedy"',
             "max_maps": "end before more maps (of one sensor on one model) are rendered; without "
             "it 4,000 a sensor and model, or the swarm's iterations",
             "max_seconds": "end after the iteration that takes the run past this",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Tag,
@@ -49,7 +50,7 @@ from glvis.inputs.values import (
     within,
 )
 from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
-from glvis.optim.search_options import SearchOptions
+from glvis.optim.search_options import FOR_COMPARISON, METHODS, SearchOptions
 from glvis.optim.swarm_options import SwarmOptions
 from glvis.sight.visibility import VisibilityOptions
 
@@ -329,10 +330,23 @@ def _table_of(options: Any) -> type[Table]:
                 list[float], within("be [low, high]", lambda v: len(v) == 2), AfterValidator(tuple)
             ]
             default = list(default)
+        if field.name == "method":
+            hint = Annotated[hint, BeforeValidator(_refuse_methods_for_comparison)]
         if field.name in MOST:
             hint = Annotated[hint, at_most(MOST[field.name])]
         fields[field.name] = (hint, default)
     return create_model(f"{options.__name__}Table", __base__=Table, **fields)
+
+
+def _refuse_methods_for_comparison(method: Any) -> Any:
+    """Return a method, unless it is one that was a study's once."""
+    if method in FOR_COMPARISON:
+        choice = ", ".join(f"'{one}'" for one in METHODS)
+        raise ValueError(
+            "is for comparison only, by tools/compare_methods in the checkout; choose one of "
+            f"{choice}"
+        )
+    return method
 
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Makes maps on the workers of a dask.distributed cluster, each with its own OpenGL context.
+"""Workers of a dask.distributed cluster that make maps, each with its own OpenGL context.
 
 Every worker is sent the scene once and then a few poses at a time. What a lost worker had not
 delivered dask gives to the others; a map depends on nothing but its pose, so nobody can tell from
@@ -22,17 +22,16 @@ import numpy as np
 
 from glvis.errors import MachineError, StudyError
 from glvis.hints import installed_by
-from glvis.optim.workers import PATIENCE as PATIENCE_JOB
-from glvis.optim.workers import patience_with, shared_out
+from glvis.optim.jobs import TIMEOUT_LEAST, job_timeout, share_out
 from glvis.sight.maps import Bits, MapJob, MapScene
 
 if TYPE_CHECKING:
     from glvis.optim.remote import Answer
 
 # Seconds without any answer after which a cluster is given up: before that, others take over from
-# a worker that hangs (PATIENCE_MOST at most) or falls silent (dask's worker-ttl, 300 s).
-PATIENCE = 600.0
-PATIENCE_START = 60.0  # seconds to wait for a first worker, where nothing is lost yet
+# a worker that hangs (TIMEOUT_MOST at most) or falls silent (dask's worker-ttl, 300 s).
+TIMEOUT_SILENCE = 600.0
+TIMEOUT_FIRST = 60.0  # seconds to wait for a first worker, where nothing is lost yet
 _TO_CONNECT = 10.0  # seconds
 _TICK = 1.0  # seconds between looks at who is there
 # Poses a task: so many that what dask spends on a task is small beside its maps (measured by
@@ -47,20 +46,20 @@ class ClusterMaps:
     Parameters
     ----------
     scene : MapScene
-        What there is to see, and by which sensors.
+        Models, obstacles and sensors.
     address : str
         Of the scheduler, such as ``tcp://scheduler:8786``.
-    patience : float, optional
+    silence_timeout : float, optional
         Seconds without any answer after which the cluster is given up.
-    patience_start : float, optional
+    first_timeout : float, optional
         Seconds to wait for a first worker.
-    patience_job : float, optional
-        Seconds without an answer after which a worker counts as hung, at least.
+    timeout : float, optional
+        Least timeout of a job, seconds.
 
     Attributes
     ----------
     gl : GlInfo
-        Who draws, by the word of the first worker that answered.
+        The OpenGL driver in use, of the first worker that answered.
     workers : int
         Most workers that were there at one time.
     names : sequence of str
@@ -81,9 +80,9 @@ class ClusterMaps:
         scene: MapScene,
         address: str,
         *,
-        patience: float = PATIENCE,
-        patience_start: float = PATIENCE_START,
-        patience_job: float = PATIENCE_JOB,
+        silence_timeout: float = TIMEOUT_SILENCE,
+        first_timeout: float = TIMEOUT_FIRST,
+        timeout: float = TIMEOUT_LEAST,
     ) -> None:
         if not _ADDRESS.fullmatch(address):
             raise StudyError(
@@ -94,7 +93,7 @@ class ClusterMaps:
         self.names: Sequence[str] = ()
         self.warnings: list[str] = []
         self._distributed, self._remote = _imported()
-        self._patience, self._patience_job = patience_start, patience_job
+        self._silence_timeout, self._timeout = first_timeout, timeout
         self._slowest = 0.0  # seconds a pose
         self._warm: set[str] = set()  # addresses of workers that have answered
         self._hung: set[str] = set()  # of those that are given no more
@@ -114,10 +113,10 @@ class ClusterMaps:
             self._asked(partial(self._client.register_plugin, there), all_workers=True)
             self._look_round()
             while not self._crew:
-                self._check_patience()
+                self._check_silence()
                 time.sleep(_TICK / 10)
                 self._look_round()
-            self._patience = patience
+            self._silence_timeout = silence_timeout
             ((_, self.gl, _, _),) = next(self._answers([None])).values()
         except BaseException:
             self.release()
@@ -133,7 +132,7 @@ class ClusterMaps:
             die over the same maps. What else a worker raises is raised here.
         """
         most = _MOST_ON_CPU if self.gl.is_software else _MOST_ON_GPU
-        parts, spans = shared_out(jobs, max(1, len(self._crew)), self._least, most)
+        parts, spans = share_out(jobs, max(1, len(self._crew)), self._least, most)
         answers = self._answers(parts)
         made: dict[int, Bits] = {}
         for begin, end in spans:
@@ -164,7 +163,7 @@ class ClusterMaps:
         try:
             return self._distributed.Client(
                 self.address,
-                timeout=min(self._patience, _TO_CONNECT),
+                timeout=min(self._silence_timeout, _TO_CONNECT),
                 set_as_default=False,
                 name="glvis",
             )
@@ -257,7 +256,7 @@ class ClusterMaps:
                 continue
             self._look_round()
             self._help(call)
-            self._check_patience()
+            self._check_silence()
 
     def _help(self, call: _Call) -> None:
         """Let others make what a worker has held for too long, and give it no more.
@@ -271,7 +270,7 @@ class ClusterMaps:
             poses = sum(len(call.jobs[number] or ()) for number in numbers)
             slowest = self._slowest if address in self._warm else 0.0
             waited = now - call.since[address]
-            if waited < patience_with(poses, slowest, self._patience_job):
+            if waited < job_timeout(poses, slowest, self._timeout):
                 continue
             self._do_without(call, address, numbers, waited)
 
@@ -302,7 +301,7 @@ class ClusterMaps:
         """Return answers that are ready, without those of a worker that hangs with them made."""
         began = time.monotonic()
         try:
-            return self._fetched(ready, min(self._patience, self._patience_job))
+            return self._fetched(ready, min(self._silence_timeout, self._timeout))
         except TimeoutError:
             self._look_round()
         holders = self._asked(partial(self._client.who_has, list(ready.values())))
@@ -313,24 +312,24 @@ class ClusterMaps:
         for address, theirs in by_holder.items():
             with suppress(TimeoutError):
                 if len(by_holder) > 1:  # else it is known to hang
-                    answers |= self._fetched(theirs, min(self._patience_job, _TO_CONNECT))
+                    answers |= self._fetched(theirs, min(self._timeout, _TO_CONNECT))
                     continue
             numbers = [*theirs, *self._holds(call).get(address, ())]
             if not self._do_without(call, address, numbers, time.monotonic() - began):
                 try:  # nobody else is there
-                    answers |= self._fetched(theirs, self._patience)
+                    answers |= self._fetched(theirs, self._silence_timeout)
                 except TimeoutError as error:
                     raise self._silence() from error
         return answers
 
-    def _fetched(self, ready: dict[int, Any], patience: float) -> dict[int, Answer]:
+    def _fetched(self, ready: dict[int, Any], timeout: float) -> dict[int, Answer]:
         """Return what futures hold, by number, or raise TimeoutError after so many seconds.
 
         What was lost on its way dask makes again.
         """
         gather = partial(self._client.gather, list(ready.values()), asynchronous=True)
         try:
-            found = self._client.sync(gather, callback_timeout=patience)
+            found = self._client.sync(gather, callback_timeout=timeout)
             return dict(zip(ready, found, strict=True))
         except self._distributed.KilledWorker as error:
             raise MachineError(
@@ -350,11 +349,12 @@ class ClusterMaps:
         """Return an answer from the scheduler, or from all workers, any of which may hang."""
         try:
             if all_workers:
-                return self._client.sync(question, callback_timeout=self._patience)
+                return self._client.sync(question, callback_timeout=self._silence_timeout)
             return question()
         except TimeoutError as error:
             raise MachineError(
-                f"{self.address}: a worker does not answer for {self._patience:.3g} s; end it"
+                f"{self.address}: a worker does not answer for {self._silence_timeout:.3g} s; "
+                "end it"
             ) from error
         except (OSError, self._distributed.CancelledError) as error:
             raise self._lost() from error
@@ -362,8 +362,8 @@ class ClusterMaps:
     def _lost(self) -> MachineError:
         return MachineError(f"the dask scheduler at {self.address} was lost")
 
-    def _check_patience(self) -> None:
-        if time.monotonic() - self._heard >= self._patience:
+    def _check_silence(self) -> None:
+        if time.monotonic() - self._heard >= self._silence_timeout:
             raise self._silence()
 
     def _silence(self) -> MachineError:

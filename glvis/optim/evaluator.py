@@ -38,16 +38,14 @@ class Evaluator(Held):
     study : Study
         Models, obstacles, sensors, variables, objective.
     maps : MapMaker, optional
-        Who renders; released with the evaluator. Without it, this process does.
+        Maker of the maps; released with the evaluator. Without it, this process makes them.
     cache_bytes : int
         Memory for maps of poses met before, bytes; 0 keeps none.
-    tiles : int, optional
-        Views that share a framebuffer; see ``Renderer``.
 
     Attributes
     ----------
     gl : GlInfo
-        Who draws.
+        The OpenGL driver in use.
     maps_rendered : int
         Maps made so far, those found in the cache not counted.
     most_poses : int
@@ -70,10 +68,9 @@ class Evaluator(Held):
         *,
         maps: MapMaker | None = None,
         cache_bytes: int = _CACHE_BYTES,
-        tiles: int | None = None,
     ) -> None:
         self.study = study
-        self._maps = maps or LocalMaps(MapScene.of(study), tiles)
+        self._maps = maps or LocalMaps(MapScene.of(study))
         self.gl: GlInfo = self._maps.gl
         self.maps_rendered = 0
         # where the bits of each model begin in those of a pose
@@ -112,22 +109,21 @@ class Evaluator(Held):
         positions : (P, D) or (D,) float
             In the units of the study file.
         sensors : sequence of int, optional
-            Only these sensors look; without it all S.
+            Active sensors; without it all S.
         note : callable, optional
-            Is told the maps of each position, (S, F) of 0 and 1, one a model.
+            Takes the maps of each position, (S, F) of 0 and 1, one a model.
         """
         study = self.study
         x = np.atleast_2d(np.asarray(positions, dtype=float))
-        looking = list(range(len(study.sensors))) if sensors is None else list(sensors)
-        for bits in self._bits(study.rig.poses(x)[:, looking], looking):
-            values = np.zeros(len(study.models))
+        active = list(range(len(study.sensors))) if sensors is None else list(sensors)
+        areas = [model.areas for model in study.models]
+        kind = np.min_scalar_type(len(active))
+        for bits in self._bits(study.rig.poses(x)[:, active], active):
             maps = [self._visible(bits, m) for m in range(len(study.models))]
-            for m, (model, seen) in enumerate(zip(study.models, maps, strict=True)):
-                counts = np.add.reduce(seen, axis=0, dtype=np.min_scalar_type(len(looking)))
-                values[m] = study.objective.terms(counts, model.areas)["value"]
             if note is not None:
                 note(maps)
-            yield values
+            counts = [np.add.reduce(seen, axis=0, dtype=kind) for seen in maps]
+            yield study.objective.value_by_model(counts, areas)
 
     def visibility(self, position: ArrayLike) -> list[VisibilityMap]:
         """Return the visibility maps of one position (D,), one a model."""
@@ -184,18 +180,18 @@ class Evaluator(Held):
         mine = bits[:, self._begin[m] : self._begin[m + 1]]
         return np.unpackbits(mine, axis=1, count=self.study.models[m].n_faces)
 
-    def _bits(self, poses: Floats, looking: Sequence[int]) -> Iterator[Bits]:
+    def _bits(self, poses: Floats, active: Sequence[int]) -> Iterator[Bits]:
         """Yield the maps of all models (S, B), one bit a face, for poses (P, S, 4, 4)."""
-        at_once = max(1, _BATCH_BYTES // (len(looking) * self._pose_bytes))
+        at_once = max(1, _BATCH_BYTES // (len(active) * self._pose_bytes))
         for first in range(0, len(poses), at_once):
-            yield from self._batch(poses[first : first + at_once], looking)
+            yield from self._batch(poses[first : first + at_once], active)
 
-    def _batch(self, poses: Floats, looking: Sequence[int]) -> Iterator[Bits]:
+    def _batch(self, poses: Floats, active: Sequence[int]) -> Iterator[Bits]:
         """Do the same for as many as are held at once; each pose is rendered once."""
         sensors = self.study.sensors
         # one representative a kind: the same object is the same kind
-        first_of = {id(sensors[s]): s for s in reversed(looking)}
-        kinds = [first_of[id(sensors[s])] for s in looking]
+        first_of = {id(sensors[s]): s for s in reversed(active)}
+        kinds = [first_of[id(sensors[s])] for s in active]
         keys: list[list[bytes]] = []
         held: dict[bytes, Bits | None] = {}  # of this batch, so that no pose is lost before use
         missing: list[dict[bytes, tuple[int, int]]] = []  # where each new pose stands

@@ -1,7 +1,15 @@
-"""Greedy start: many random poses of one mount at a time, the best gain first, then exchanges.
+"""Greedy placement and exchange: many random poses of one group of sensors at a time.
 
-A pose is rendered once and looked at in the company of many others: where mounts are
-independent, choosing again costs no maps.
+The pose with the largest gain is placed first, then each pose is exchanged for better ones beside
+the others. A pose is rendered once and valued in the company of many others: where groups are
+separable, choosing again costs no maps.
+
+References
+----------
+Nemhauser, Wolsey, Fisher, "An Analysis of Approximations for Maximizing Submodular Set
+Functions", Mathematical Programming 14, 1978: greedy choice. Teitz, Bart, "Heuristic Methods for
+Estimating the Generalized Vertex Median of a Weighted Graph", Operations Research 16, 1968:
+exchange.
 """
 
 from __future__ import annotations
@@ -15,65 +23,57 @@ from numpy.typing import NDArray
 from glvis.optim.script import Floats, Problem, Script
 
 METHOD = "greedy"
-_AT_ONCE = 256  # positions asked for at once
-_ROUNDS = 8  # of exchanges at most
-_PROMISING = 0.1  # share of the draws that are looked at again
-_GOOD = 0.3  # share of the first choices that other starts begin with
-_FEWEST = 8  # draws a mount
-_STARTS = 4
-# Of so many random poses the one with the best guess is rendered; poses are drawn from a range
-# so many times as wide as the variables'. See auto.py for what was measured.
-_GUESSES, _REACH = 8, 1.5
+_AT_ONCE = 256  # layouts asked for at once
 
 
 @dataclass(frozen=True, eq=False)
-class Mount:
-    """Sensors that the same variables move.
+class SensorGroup:
+    """A group of sensors that the same variables move, such as a mount and its mirror image.
 
     Attributes
     ----------
     columns : (d,) int
-        The variables.
+        Columns of these variables in a position (D,).
     sensors : tuple of int
-        What they move.
-    is_alone : bool
-        Whether they move nothing else.
+        Sensors that they move.
+    is_separable : bool
+        Whether they move no other sensors.
     kind : object
-        Mounts of one kind stand in the same places for the same values of their variables.
+        Groups of one kind stand in the same places for the same values of their variables.
     """
 
     columns: NDArray[np.intp]
     sensors: tuple[int, ...]
-    is_alone: bool
+    is_separable: bool
     kind: object
 
 
-def mounts_of(problem: Problem) -> list[Mount]:
-    """Return the mounts that have variables, in the order of their sensors."""
-    groups: dict[frozenset[int], list[int]] = {}
+def sensor_groups(problem: Problem) -> list[SensorGroup]:
+    """Return the groups of sensors that have variables, in the order of their sensors."""
+    sensors_of: dict[frozenset[int], list[int]] = {}
     for sensor, moving in enumerate(problem.moved_by):
         if moving:
-            groups.setdefault(moving, []).append(sensor)
-    mounts = []
-    for moving, sensors in groups.items():
+            sensors_of.setdefault(moving, []).append(sensor)
+    groups = []
+    for moving, sensors in sensors_of.items():
         columns = np.array(sorted(moving))
-        is_alone = not any(moving & other for other in groups if other != moving)
-        kind = _kind(problem, columns, sensors) if is_alone else moving
-        mounts.append(Mount(columns, tuple(sensors), is_alone, kind))
-    return mounts
+        is_separable = not any(moving & other for other in sensors_of if other != moving)
+        kind = _kind(problem, columns, sensors) if is_separable else moving
+        groups.append(SensorGroup(columns, tuple(sensors), is_separable, kind))
+    return groups
 
 
 def _kind(problem: Problem, columns: NDArray[np.intp], sensors: list[int]) -> object:
-    """Return what tells mounts apart: their box, and where they stand at one place in it."""
+    """Return what tells groups apart: their box, and where they stand at one place in it."""
     box = problem.box
     x = box.bounds[:, 0].copy()
     x[columns] += box.range[columns] * np.linspace(0.1, 0.8, len(columns))  # nothing special
-    views = problem.views(x)
+    poses = problem.pose_keys(x)
     bounds, periodic = box.bounds[columns], box.periodic[columns]
-    return bounds.tobytes(), periodic.tobytes(), tuple(views[s] for s in sensors)
+    return bounds.tobytes(), periodic.tobytes(), tuple(poses[s] for s in sensors)
 
 
-def greedy(problem: Problem, maps: int, starts: int = 1) -> Script:
+def place_greedily(problem: Problem, maps: int, starts: int = 1) -> Script:
     """Return layouts, best first: positions (K, D) and their values (K,), K <= ``starts``.
 
     Parameters
@@ -85,100 +85,108 @@ def greedy(problem: Problem, maps: int, starts: int = 1) -> Script:
     starts : int
         Layouts to make; each but the first begins with another of the good first choices.
     """
-    mounts = mounts_of(problem)
-    draws = _draws(problem, mounts, maps)
+    groups = sensor_groups(problem)
+    draws = _draw_by_kind(problem, groups, maps)
     found: dict[bytes, tuple[float, Floats]] = {}
     for number in range(starts):
-        x = yield from _placed_one_by_one(problem, mounts, draws, is_best_first=number == 0)
-        value, x = yield from exchanged(problem, mounts, draws, x)
+        x = yield from _place_one_by_one(problem, groups, draws, is_best_first=number == 0)
+        value, x = yield from exchange(problem, groups, draws, x)
         found[x.tobytes()] = (value, x)
-        if not all(mount.is_alone for mount in mounts):
+        if not all(group.is_separable for group in groups):
             break  # another start would cost as many maps again
     best = sorted(found.values(), key=lambda entry: -entry[0])
     return np.stack([x for _, x in best]), np.array([value for value, _ in best])
 
 
-def _draws(problem: Problem, mounts: list[Mount], maps: int) -> dict[object, Floats]:
-    """Return random values (N, d) of the variables of each kind of mount."""
-    first_of = {mount.kind: mount for mount in reversed(mounts)}
-    pose_maps = problem.models * sum(len(mount.sensors) for mount in first_of.values())
-    kept = problem.most_poses // (2 * sum(len(mount.sensors) for mount in first_of.values()))
-    n = max(_FEWEST, min(maps // pose_maps, kept))
-    return {mount.kind: _drawn(problem, mount, n) for mount in first_of.values()}
+def _draw_by_kind(problem: Problem, groups: list[SensorGroup], maps: int) -> dict[object, Floats]:
+    """Return random values (N, d) of the variables of each kind of group."""
+    first_of = {group.kind: group for group in reversed(groups)}
+    pose_maps = problem.models * sum(len(group.sensors) for group in first_of.values())
+    kept = problem.most_poses // (2 * sum(len(group.sensors) for group in first_of.values()))
+    n = max(problem.options.draws_least, min(maps // pose_maps, kept))
+    return {group.kind: draw(problem, group, n) for group in first_of.values()}
 
 
-def _drawn(problem: Problem, mount: Mount, n: int) -> Floats:
-    """Return random values (n, d) of a mount's variables, those with the best guesses of many."""
-    drawn = problem.box.uniform(n * _GUESSES, problem.rng, _REACH)[:, mount.columns]
+def draw(problem: Problem, group: SensorGroup, n: int) -> Floats:
+    """Return random values (n, d) of a group's variables, each the best predicted of many."""
+    options, among = problem.options, problem.options.draw_predicted
+    drawn = problem.box.uniform(n * among, problem.rng, options.reach)[:, group.columns]
     x = np.repeat(problem.start[None], len(drawn), axis=0)
-    x[:, mount.columns] = drawn
-    best = problem.guess(x, mount.sensors).reshape(n, _GUESSES).argmax(axis=1)
-    return drawn.reshape(n, _GUESSES, -1)[np.arange(n), best]
+    x[:, group.columns] = drawn
+    best = problem.surrogate(x, group.sensors).reshape(n, among).argmax(axis=1)
+    return drawn.reshape(n, among, -1)[np.arange(n), best]
 
 
-def _placed_one_by_one(
-    problem: Problem, mounts: list[Mount], draws: dict[object, Floats], *, is_best_first: bool
+def _place_one_by_one(
+    problem: Problem,
+    groups: list[SensorGroup],
+    draws: dict[object, Floats],
+    *,
+    is_best_first: bool,
 ) -> Script:
-    """Return a layout (D,): each mount where it gains most beside those placed before."""
+    """Return a layout (D,): each group where it gains most beside those placed before."""
     x = problem.start.copy()
-    looking = {sensor for sensor, moving in enumerate(problem.moved_by) if not moving}
+    placed = {sensor for sensor, moving in enumerate(problem.moved_by) if not moving}
     known: set[int] = set()  # variables that are decided
-    rendered = set() if is_best_first else {mount.kind for mount in mounts if mount.is_alone}
-    waiting = list(mounts)
+    rendered = set() if is_best_first else {group.kind for group in groups if group.is_separable}
+    waiting = list(groups)
     while waiting:
-        is_first = len(waiting) == len(mounts)
-        best_value, best_mount, best_x = -np.inf, waiting[0], x
-        for mount in _candidates(waiting):
-            free = [k for k, column in enumerate(mount.columns) if column not in known]
-            layouts = np.repeat(x[None], len(draws[mount.kind]), axis=0)
-            layouts[:, mount.columns[free]] = draws[mount.kind][:, free]
-            group = tuple(sorted({*looking, *mount.sensors}))
-            moved = () if mount.kind in rendered else mount.sensors
-            values = yield from _values(problem, layouts, moved, group)
-            if mount.is_alone:
-                rendered.add(mount.kind)
+        is_first = len(waiting) == len(groups)
+        best_value, best_group, best_x = -np.inf, waiting[0], x
+        for group in _next_groups(waiting):
+            free = [k for k, column in enumerate(group.columns) if column not in known]
+            layouts = np.repeat(x[None], len(draws[group.kind]), axis=0)
+            layouts[:, group.columns[free]] = draws[group.kind][:, free]
+            active = tuple(sorted({*placed, *group.sensors}))
+            moved = () if group.kind in rendered else group.sensors
+            values = yield from _evaluate(problem, layouts, moved, active)
+            if group.is_separable:
+                rendered.add(group.kind)
             choice = int(values.argmax())
             if is_first and not is_best_first:
-                good = np.argsort(-values, kind="stable")[: max(1, int(_GOOD * len(values)))]
+                kept = max(1, int(problem.options.first_share * len(values)))
+                good = np.argsort(-values, kind="stable")[:kept]
                 choice = int(problem.rng.choice(good))
             if values[choice] > best_value:
-                best_value, best_mount, best_x = values[choice], mount, layouts[choice]
+                best_value, best_group, best_x = values[choice], group, layouts[choice]
         x = best_x.copy()
-        waiting.remove(best_mount)
-        looking |= {*best_mount.sensors}
-        known |= {*best_mount.columns.tolist()}
+        waiting.remove(best_group)
+        placed |= {*best_group.sensors}
+        known |= {*best_group.columns.tolist()}
     return x
 
 
-def _candidates(waiting: list[Mount]) -> list[Mount]:
-    """Return who may be placed next: of each kind one, of the mounts that share variables one."""
-    chosen: dict[object, Mount] = {}
-    for mount in waiting:
-        chosen.setdefault(mount.kind if mount.is_alone else "shares", mount)
+def _next_groups(waiting: list[SensorGroup]) -> list[SensorGroup]:
+    """Return who may be placed next: one of each kind, and one of those that share variables."""
+    chosen: dict[object, SensorGroup] = {}
+    for group in waiting:
+        chosen.setdefault(group.kind if group.is_separable else "shares", group)
     return list(chosen.values())
 
 
-def exchanged(
-    problem: Problem, mounts: list[Mount], draws: dict[object, Floats], x: Floats
+def exchange(
+    problem: Problem, groups: list[SensorGroup], draws: dict[object, Floats], x: Floats
 ) -> Script:
-    """Return value and layout after choosing each independent mount again, beside the others.
+    """Return value and layout after exchanging poses of separable groups, one at a time.
 
-    ``draws`` are the values (N, d) to choose from by kind of mount, all rendered already.
+    ``draws`` are the values (N, d) to choose from by kind of group, all rendered already. Rounds
+    go on until none is better (Teitz and Bart 1968).
     """
-    (value,) = yield from _values(problem, x[None], (), None)
-    alone = [mount for mount in mounts if mount.is_alone]
-    promising = {mount.sensors: draws[mount.kind] for mount in alone}
-    for round_ in range(_ROUNDS if len(mounts) > 1 else 0):
+    options = problem.options
+    (value,) = yield from _evaluate(problem, x[None], (), None)
+    separable = [group for group in groups if group.is_separable]
+    promising = {group.sensors: draws[group.kind] for group in separable}
+    for round_ in range(options.exchange_rounds if len(groups) > 1 else 0):
         before = value
-        for mount in alone:
-            poses = promising[mount.sensors]
+        for group in separable:
+            poses = promising[group.sensors]
             layouts = np.repeat(x[None], len(poses), axis=0)
-            layouts[:, mount.columns] = poses
-            values = yield from _values(problem, layouts, (), None)
+            layouts[:, group.columns] = poses
+            values = yield from _evaluate(problem, layouts, (), None)
             if round_ == 0:  # what is poor beside these others will not be best beside the next
-                kept = max(_FEWEST, math.ceil(_PROMISING * len(values)))
+                kept = max(options.draws_least, math.ceil(options.exchange_share * len(values)))
                 best = np.argsort(-values, kind="stable")[:kept]
-                promising[mount.sensors] = poses[best]
+                promising[group.sensors] = poses[best]
             if values.max() > value:
                 value, x = values.max(), layouts[values.argmax()]
         if value == before:
@@ -186,19 +194,19 @@ def exchanged(
     return value, x
 
 
-def _values(
+def _evaluate(
     problem: Problem, layouts: Floats, moved: tuple[int, ...], sensors: tuple[int, ...] | None
 ) -> Script:
     """Return the values (P,) of layouts (P, D) in which ``moved`` stand somewhere new."""
-    told = []
+    values = []
     for first in range(0, len(layouts), _AT_ONCE):
         part = layouts[first : first + _AT_ONCE]
-        told.append((yield problem.ask(part, moved, METHOD, sensors)))
-    return np.concatenate(told)
+        values.append((yield problem.ask(part, moved, METHOD, sensors)))
+    return np.concatenate(values)
 
 
-def greedy_alone(problem: Problem) -> Script:
-    """Spend everything on greedy choice."""
+def search_greedily(problem: Problem) -> Script:
+    """Spend everything on greedy placement and exchange."""
     yield problem.ask(problem.start[None], range(len(problem.moved_by)), METHOD)
-    yield from greedy(problem, problem.left(), _STARTS)
+    yield from place_greedily(problem, problem.left(), problem.options.greedy_starts)
     return "greedy choice and exchanges found no more"

@@ -7,6 +7,7 @@ zero; the search maximises OF, the same order while OF > 0.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,6 +139,13 @@ class Objective:
                 values += worth[k] * faces
         return values / total if self.is_share else values
 
+    def value_by_model(
+        self, counts: Sequence[ArrayLike], areas: Sequence[ArrayLike]
+    ) -> NDArray[np.float64]:
+        """Return ``value`` of `terms` on each model (M,), from its counts (F,) and areas (F,)."""
+        pairs = zip(counts, areas, strict=True)
+        return np.array([self.terms(seen_by, area)["value"] for seen_by, area in pairs])
+
     def aggregated(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return one value (...,) from the values of the models (..., M)."""
         v = np.asarray(values, dtype=float)
@@ -155,19 +163,7 @@ class Objective:
         Finite only where ``normalize`` or ``kind`` is "of1"; more sensors than the overlap
         table has entries are not considered.
         """
-        if self.kind == "of1":
-            return 1.0
-        if not self.normalize:
-            return math.inf
-        if self.kind == "of2":
-            return max(0.0, *self.overlap)
-        return max(
-            0.0,
-            *(
-                self.w_tot * k + self.w_of1 + self.w_of2 * w
-                for k, w in enumerate(self.overlap, start=1)
-            ),
-        )
+        return max(0.0, float(self._worth(len(self.overlap)).max())) if self.is_share else math.inf
 
     def _worth(self, most: int) -> NDArray[np.float64]:
         """Return what one face is worth, seen by 0, 1, ... ``most`` sensors, (most + 1,)."""

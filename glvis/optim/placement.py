@@ -29,7 +29,8 @@ from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress
 from glvis.optim.reach import Reach, Sampler
 from glvis.optim.run import Run
-from glvis.optim.search import TraceRow
+from glvis.optim.script import Method
+from glvis.optim.trace import TraceRow
 from glvis.optim.workers import Workers
 from glvis.sight.context import GlInfo, rasterising_in_this_thread
 from glvis.sight.maps import MapScene
@@ -74,7 +75,7 @@ class Placement:
     evaluations, maps_rendered : int
         Positions evaluated; maps made for them.
     gl : GlInfo
-        Who drew.
+        The OpenGL driver in use.
     workers : int
         Processes that drew.
     warnings : tuple of str
@@ -227,6 +228,7 @@ def place_sensors(
     resume: bool = False,
     extend: int = 0,
     sampler: Sampler | None = None,
+    script: Method | None = None,
 ) -> Placement:
     """Return the best poses that the study's search finds; a study without variables is evaluated.
 
@@ -253,12 +255,15 @@ def place_sensors(
     sampler : Sampler, optional
         Samples what could be seen at best, too, from at most as many maps again as the search
         rendered. Ctrl-C ends that as well.
+    script : callable, optional
+        A search method of one's own in place of the study's, which must not be "swarm"; see
+        ``glvis.optim.script``. A checkpoint does not know it: resume with the same.
 
     Raises
     ------
     ValueError
-        If ``workers`` is less than 1 or given with ``cluster``, or ``resume`` or ``extend`` miss
-        what they need.
+        If ``workers`` is less than 1 or given with ``cluster``, ``resume`` or ``extend`` miss
+        what they need, or ``script`` is given to a study of "swarm".
     StudyError
         If there is nothing to resume, or the study has changed since, or ``cluster`` is no
         address.
@@ -270,6 +275,8 @@ def place_sensors(
         raise ValueError("resume needs a checkpoint")
     if extend and not resume:
         raise ValueError("extend needs resume")
+    if script and study.search.method == "swarm":
+        raise ValueError("script replaces a search.method other than 'swarm'")
     if workers < 1:
         raise ValueError(f"workers = {workers} must be at least 1")
     if cluster and workers != 1:
@@ -278,7 +285,7 @@ def place_sensors(
         return evaluate_poses(study)
     saved = read_checkpoint(checkpoint, study) if checkpoint and resume else None
     with _interruptions() as interrupted, _evaluator(study, workers, cluster) as evaluator:
-        run = Run(study, evaluator, checkpoint, saved)
+        run = Run(study, evaluator, checkpoint, saved, script)
         if extend:
             run.search.extend(extend)
         try:
@@ -326,11 +333,8 @@ def _evaluated(evaluator: Evaluator, position: Floats, poses: Floats) -> Placeme
     """Return what one set of poses (S, 4, 4) sees, as if nothing had been searched."""
     study = evaluator.study
     maps = tuple(evaluator.visibility_of_poses(poses))
-    by_model = np.array(
-        [
-            study.objective.terms(found.counts, model.areas)["value"]
-            for found, model in zip(maps, study.models, strict=True)
-        ]
+    by_model = study.objective.value_by_model(
+        [found.counts for found in maps], [model.areas for model in study.models]
     )
     value = float(study.objective.aggregated(by_model))
     return Placement(

@@ -19,7 +19,9 @@ from glvis.inputs.study import Study
 from glvis.optim.checkpoint import Checkpoint, identity_of, write_checkpoint
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.progress import Progress, Spent, first_limit
-from glvis.optim.search import TraceRow, new_search, search_from_state
+from glvis.optim.script import Method
+from glvis.optim.search import new_search, search_from_state, swarm_columns
+from glvis.optim.trace import TraceRow
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +43,8 @@ class Run:
         File of the checkpoints.
     saved : Checkpoint, optional
         Where to go on from; without it the search begins.
+    script : callable, optional
+        A search method in place of the study's.
 
     Attributes
     ----------
@@ -60,6 +64,7 @@ class Run:
         evaluator: Evaluator,
         path: Path | None = None,
         saved: Checkpoint | None = None,
+        script: Method | None = None,
     ) -> None:
         self._evaluator, self._path = evaluator, path
         self._identity = identity_of(study) if path else {}
@@ -72,11 +77,11 @@ class Run:
         self._begin, self._rows_before = Spent(-1, 0, 0.0), 0
         self._warnings: list[str] = []
         if saved is None:
-            self.search = new_search(study, evaluator.most_poses)
+            self.search = new_search(study, evaluator.most_poses, script)
             self._start = self.search.best_x.copy()
             self.start_value = float(evaluator(self._start)[0])
             return
-        self.search = search_from_state(study, evaluator.most_poses, saved.search)
+        self.search = search_from_state(study, evaluator.most_poses, saved.search, script)
         evaluator.recall(saved.known_poses)
         run = saved.run
         evaluator.maps_rendered = run["maps_rendered"]
@@ -136,14 +141,15 @@ class Run:
         v = evaluator.study.objective.aggregated(np.array(by_model))
         search.tell(v, evaluator.maps_rendered)
         self.evaluations += len(v)
+        inertia, neighbours = swarm_columns(search)
         row = TraceRow(
             iteration=len(self.trace),
             method=search.method,
             best=max(search.best_value, self.start_value),
             mean=float(v.mean()),
             std=float(v.std()),
-            inertia=search.inertia,
-            neighbours=search.neighbours,
+            inertia=inertia,
+            neighbours=neighbours,
             evaluations=self.evaluations,
             maps_rendered=evaluator.maps_rendered,
             seconds=self.seconds(),

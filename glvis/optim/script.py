@@ -1,8 +1,8 @@
-"""Search methods written as scripts: generators that yield positions and are sent their values.
+"""Scripts: search methods as generators that yield positions and are sent their values.
 
-A script is a plain account of what is tried in which order. It goes on after a break by being
-told again what it was told before: with the same seed it asks for the same positions, and no
-map is rendered for that.
+A script reads as the method does: what is tried, in which order. It goes on after a break by being
+sent again the values that it was sent before: with the same seed it asks for the same positions,
+and no map is rendered for that.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glvis.errors import StudyError
+from glvis.optim.auto_options import AutoOptions
 from glvis.optim.box import Box
 
 Floats = NDArray[np.float64]
@@ -26,18 +27,18 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Ask:
-    """Positions to evaluate.
+    """A request for the values of positions.
 
     Attributes
     ----------
     positions : (P, D) float64
         In the units of the study file.
     cost : int
-        The most maps that this may render.
+        Most maps that this may render.
     method : str
-        For the trace.
+        Name for the trace.
     sensors : tuple of int, optional
-        Who looks; None means all.
+        Active sensors; None means all.
     """
 
     positions: Floats
@@ -47,15 +48,15 @@ class Ask:
 
 
 Script = Generator[Ask, Floats, Any]
-Note = Callable[[list[NDArray[np.uint8]]], None]  # is told maps (S, F), one a model
+Note = Callable[[list[NDArray[np.uint8]]], None]  # takes maps (S, F), one a model
 
 
 class Learner(Protocol):
-    """Learns from rendered maps, within bounds of its own; see ``guess.Guess``."""
+    """A model that learns from rendered maps, within limits of its own; see `Surrogate`."""
 
     @property
     def faces(self) -> int:
-        """How many faces it learns of, n."""
+        """Number of faces that it learns of, n."""
 
     @property
     def is_full(self) -> bool:
@@ -79,16 +80,16 @@ class Learner(Protocol):
 
 @dataclass(frozen=True)
 class Block:
-    """Variables that are moved together.
+    """A coordinate block: variables that are moved together.
 
     Attributes
     ----------
     columns : tuple of int
-        Of a position.
+        Columns of these variables in a position (D,).
     sensors : tuple of int
-        All that they move.
+        All sensors that they move.
     own : tuple of int
-        Those of the columns that move all these sensors, at once.
+        Those of the columns that move all these sensors at once.
     """
 
     columns: tuple[int, ...]
@@ -98,33 +99,36 @@ class Block:
 
 @dataclass(eq=False)
 class Problem:
-    """What a script may know: the box, who is moved by what, and what may be spent.
+    """A search problem as a script sees it: box, moving sensors and budget, without a scene.
 
     Attributes
     ----------
     box : Box
-        All positions.
+        Bounds of all positions.
     start : (D,) float64
         The study's start, in the box.
     moved_by : tuple of frozenset of int
         Columns that move each of the S sensors.
     models : int
-        M, maps that a new pose of a sensor costs.
+        Number M of models: the maps that a new pose of a sensor costs.
     max_maps : int
         Maps that may be rendered.
     most_poses : int
         Poses whose maps are kept.
-    views : callable
-        Returns for a position (D,) what tells poses of the S sensors apart; equals see the same.
+    pose_keys : callable
+        Returns for a position (D,) one key for the pose of each of the S sensors; equal keys see
+        the same.
     rng : Generator
         The one source of chance.
-    guess : callable
-        Returns values (P,) that positions (P, D) may have where some sensors look (None: all);
-        good for ranks only, and costs no map. Without one, all are equal.
+    surrogate : callable
+        Returns predicted values (P,) of positions (P, D) by some active sensors (None: all); good
+        for ranks only, and costs no map. Without one, all are equal.
     learner : Learner, optional
-        What the maps are shown to, so that guesses get better.
+        Model that learns from the maps, so that predictions get better.
+    options : AutoOptions
+        Tuning constants.
     maps_rendered : int
-        Spent so far; kept up by `ScriptSearch`.
+        Maps rendered so far; kept up by `ScriptSearch`.
     """
 
     box: Box
@@ -133,11 +137,14 @@ class Problem:
     models: int
     max_maps: int
     most_poses: int
-    views: Callable[[Floats], Sequence[object]]
+    pose_keys: Callable[[Floats], Sequence[object]]
     rng: np.random.Generator
-    guess: Callable[[Floats, Sequence[int] | None], Floats] = lambda x, sensors: np.zeros(len(x))
+    surrogate: Callable[[Floats, Sequence[int] | None], Floats] = lambda x, sensors: np.zeros(
+        len(x)
+    )
     learner: Learner | None = None
-    maps_rendered: int = field(default=0)
+    options: AutoOptions = field(default_factory=AutoOptions)
+    maps_rendered: int = 0
 
     @property
     def blocks(self) -> list[Block]:
@@ -174,33 +181,35 @@ class Problem:
         return Ask(positions, len(positions) * len(moved) * self.models, method, sensors)
 
 
+Method = Callable[[Problem], Script]
+
+
 class ScriptSearch:
-    """A script as a search method; see ``search.Search``.
+    """A search that a script directs; see ``search.Search``.
 
     Parameters
     ----------
-    write : callable
+    method : callable
         Returns the script of a problem.
     problem : Problem
         Fresh, for this search alone.
     """
 
-    def __init__(self, write: Callable[[Problem], Script], problem: Problem) -> None:
+    def __init__(self, method: Method, problem: Problem) -> None:
         self._problem = problem
-        self._script = write(problem)
+        self._script = method(problem)
         self.best_x = problem.start.copy()
         self.best_value = -math.inf
         self.iteration = -1
         self.stop_reason: str | None = None
         self.method = ""
         self.sensors: Sequence[int] | None = None
-        self.inertia, self.neighbours = 0.0, 0
         self._beyond = -1  # iterations allowed whatever they cost
-        self._told: list[Floats] = []
+        self._values: list[Floats] = []
         self._maps: list[int] = []
         self._noted: list[Bools] = []  # of the positions asked for last
         self._learned: list[NDArray[np.uint8]] = []  # one bit a face, a row a pose
-        self._before: NDArray[np.uint8] | None = None  # the same, of the run that is told again
+        self._before: NDArray[np.uint8] | None = None  # the same, of the run that is repeated
         self._digest = hashlib.sha256()  # of all positions asked for
         self._next: Ask | None = None
         self._advance(None)
@@ -232,7 +241,7 @@ class ScriptSearch:
 
     @property
     def note(self) -> Note | None:
-        """Wants to be told the maps of each position asked for; None where nothing is learned."""
+        """Observer of the maps of each position asked for; None where nothing is learned."""
         learner = self._problem.learner
         if learner is None or learner.is_full:
             return None
@@ -252,7 +261,7 @@ class ScriptSearch:
             raise ValueError(f"values of shape {v.shape} are not those of what was asked for")
         self._learn(ask)
         v = np.where(np.isnan(v), -math.inf, v)
-        self._told.append(v)
+        self._values.append(v)
         self._maps.append(maps_rendered)
         self._problem.maps_rendered = maps_rendered
         self.iteration += 1
@@ -273,20 +282,20 @@ class ScriptSearch:
         self.stop_reason = self._rule_that_stops()
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return what was told, from which all else follows."""
+        """Return all values taken, from which all else follows."""
         head = {"beyond": self._beyond, "digest": self._digest.hexdigest()}
         # in one piece each from now on, as this is asked for again after the next few
-        self._told = [np.concatenate([np.zeros(0), *self._told])]
+        self._values = [np.concatenate([np.zeros(0), *self._values])]
         self._learned = [np.concatenate(self._learned)] if self._learned else []
         return {
-            "values": self._told[0],
+            "values": self._values[0],
             "maps": np.array(self._maps, dtype=np.int64),
             "learned": self._learned[0] if self._learned else np.zeros((0, 0), np.uint8),
             "json": np.array(json.dumps(head)),
         }
 
     def go_on(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Tell a fresh search what was told before.
+        """Take the values of a saved search, in one that is fresh.
 
         Raises
         ------
@@ -309,7 +318,7 @@ class ScriptSearch:
         self.stop_reason = self._rule_that_stops()
 
     def _learn(self, ask: Ask) -> None:
-        """Show the learner what was noted of the maps asked for, or was before a break."""
+        """Let the learner learn from the maps asked for, or from those before a break."""
         learner = self._problem.learner
         if learner is None or learner.is_full:
             return

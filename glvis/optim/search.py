@@ -1,12 +1,12 @@
-"""What every search method can do: ask for positions, be told their values, go on after a break.
+"""The protocol of all search methods: ask for positions, tell their values, resume after a break.
 
 A method knows positions, values and how many maps they cost; never sensors, meshes or files.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,37 +15,14 @@ from glvis.errors import StudyError
 from glvis.inputs.study import Study
 from glvis.optim.auto import auto
 from glvis.optim.box import Box
-from glvis.optim.covariance import cma
-from glvis.optim.differential import differential_evolution
-from glvis.optim.greedy import greedy_alone
-from glvis.optim.guess import Guess
-from glvis.optim.refine import refine_alone
-from glvis.optim.script import Note, Problem, Script, ScriptSearch
+from glvis.optim.greedy import search_greedily
+from glvis.optim.script import Method, Note, Problem, ScriptSearch
 from glvis.optim.search_options import MAPS
+from glvis.optim.surrogate import Surrogate
 from glvis.optim.swarm import Swarm
 
 Floats = NDArray[np.float64]
 State = dict[str, NDArray[Any]]
-
-
-class TraceRow(NamedTuple):
-    """One iteration of a search.
-
-    ``best`` is the largest value so far, ``mean`` and ``std`` are those of this iteration's
-    positions. ``inertia`` and ``neighbours`` are the swarm's (0 for other methods).
-    ``evaluations``, ``maps_rendered`` and ``seconds`` count from the start of the run.
-    """
-
-    iteration: int
-    method: str
-    best: float
-    mean: float
-    std: float
-    inertia: float
-    neighbours: int
-    evaluations: int
-    maps_rendered: int
-    seconds: float
 
 
 class Search(Protocol):
@@ -56,14 +33,14 @@ class Search(Protocol):
     method : str
         Name of what asked last.
     sensors : sequence of int or None
-        Who looks at the positions asked for last; None means all, and only then are the values
-        those of whole layouts.
+        Active sensors at the positions asked for last; None means all, and only then are the
+        values those of whole layouts.
     best_x : (D,) float64
-        Best position told so far, before that the start.
+        Best position so far, before any value the start.
     iteration : int
-        Of the positions asked for last, from 0.
+        Number of the positions asked for last, from 0.
     stop_reason : str or None
-        Why the search has ended, in words.
+        Reason why the search has ended, in words.
     """
 
     method: str
@@ -78,7 +55,7 @@ class Search(Protocol):
 
     @property
     def note(self) -> Note | None:
-        """What wants the maps of the positions asked for, if so; see ``Evaluator.each``."""
+        """Observer of the maps of the positions asked for, if any; see ``Evaluator.each``."""
 
     @property
     def iterations(self) -> int | None:
@@ -87,14 +64,6 @@ class Search(Protocol):
     @property
     def most_maps(self) -> int | None:
         """The most maps that may be rendered; None where they do not end the search."""
-
-    @property
-    def inertia(self) -> float:
-        """Of the swarm, for the trace."""
-
-    @property
-    def neighbours(self) -> int:
-        """Of the swarm, for the trace."""
 
     def ask(self) -> Floats:
         """Return positions (P, D) to evaluate."""
@@ -129,27 +98,14 @@ class SwarmSearch(Swarm):
         """The most iterations there can be."""
         return self.options.iterations
 
-    @property
-    def inertia(self) -> float:
-        """What moved the last swarm."""
-        return self.trace[-1].inertia
 
-    @property
-    def neighbours(self) -> int:
-        """What the last swarm looked at."""
-        return self.trace[-1].neighbours
-
-
-METHODS: dict[str, Callable[[Problem], Script]] = {
+SCRIPTS: dict[str, Method] = {
     "auto": auto,
-    "cma": cma,
-    "de": differential_evolution,
-    "greedy": greedy_alone,
-    "refine": refine_alone,
+    "greedy": search_greedily,
 }
 
 
-def new_search(study: Study, most_poses: int) -> Search:
+def new_search(study: Study, most_poses: int, script: Method | None = None) -> Search:
     """Return the search that a study asks for, at its beginning.
 
     Parameters
@@ -158,19 +114,27 @@ def new_search(study: Study, most_poses: int) -> Search:
         With at least one variable.
     most_poses : int
         Poses whose maps the evaluator keeps.
+    script : callable, optional
+        A method in place of the study's.
     """
-    rig, method = study.rig, study.search.method
-    if method == "swarm":
+    rig = study.rig
+    if script is None and study.search.method == "swarm":
         swarm = SwarmSearch(rig.bounds, rig.periodic, rig.start, study.swarm)
         swarm.most_maps = study.search.max_maps
         return swarm
+    return _new_script_search(study, most_poses, script)
+
+
+def _new_script_search(study: Study, most_poses: int, script: Method | None) -> ScriptSearch:
+    """Return the search of a study by a script, its own or another, at its beginning."""
+    rig, script = study.rig, script or SCRIPTS[study.search.method]
     box = Box(rig.bounds, rig.periodic)
 
-    def views(x: Floats) -> list[object]:
+    def pose_keys(x: Floats) -> list[object]:
         poses = rig.poses(x)
         return [(kind, pose.tobytes()) for kind, pose in zip(rig.sensor_kinds, poses, strict=True)]
 
-    guess = Guess(study)
+    surrogate = Surrogate(study)
     problem = Problem(
         box=box,
         start=box.inside(rig.start),
@@ -178,15 +142,20 @@ def new_search(study: Study, most_poses: int) -> Search:
         models=len(study.models),
         max_maps=study.search.max_maps or MAPS * len(study.sensors) * len(study.models),
         most_poses=most_poses,
-        views=views,
+        pose_keys=pose_keys,
         rng=np.random.default_rng(study.swarm.seed),
-        guess=guess,
-        learner=guess if method == "auto" else None,
+        surrogate=surrogate,
+        learner=surrogate if script is auto else None,
     )
-    return ScriptSearch(METHODS[method], problem)
+    return ScriptSearch(script, problem)
 
 
-def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray[Any]]) -> Search:
+def search_from_state(
+    study: Study,
+    most_poses: int,
+    state: Mapping[str, NDArray[Any]],
+    script: Method | None = None,
+) -> Search:
     """Return a search that goes on from ``state``.
 
     Raises
@@ -195,15 +164,22 @@ def search_from_state(study: Study, most_poses: int, state: Mapping[str, NDArray
         If it cannot: another version of glvis or NumPy would have searched in another way.
     """
     try:
-        if study.search.method == "swarm":
+        if script is None and study.search.method == "swarm":
             swarm = SwarmSearch.from_state(state)
             swarm.most_maps = study.search.max_maps
             return swarm
-        search = new_search(study, most_poses)
-        assert isinstance(search, ScriptSearch)
+        search = _new_script_search(study, most_poses, script)
         search.go_on(state)
         return search
     except StudyError:
         raise
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise StudyError(f"the search cannot go on: its state is broken: {error}") from error
+
+
+def swarm_columns(search: Search) -> tuple[float, int]:
+    """Return inertia and neighbours of the last swarm, for the trace; 0 for other methods."""
+    if not isinstance(search, SwarmSearch):
+        return 0.0, 0
+    last = search.trace[-1]
+    return last.inertia, last.neighbours

@@ -1,27 +1,28 @@
-"""Which method searches, and what it may spend: the table ``[search]``."""
+"""Options of the table ``[search]``: which method searches, and its budget."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
-METHODS = ("swarm", "auto", "greedy", "refine", "cma", "de")
+Method = Literal["swarm", "auto", "greedy"]
+METHODS = get_args(Method)
+FOR_COMPARISON = ("refine", "cma", "de")  # once methods of studies, now of tools/compare_methods
 MAPS = 4000  # a sensor and model, for all methods but "swarm", where the study does not say
 
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What searches, and for how long.
+    """Options of every search: its method and its budget.
 
     Attributes
     ----------
     method : str
         "swarm": the paper's, with the options of its own table. "greedy": random poses of one
-        mount at a time. "refine": from the start, one block of variables at a time. "auto":
-        greedy choices and sketches by a guess, the best of them climbed from and challenged by
-        rivals; climbed from alone where mounts share variables. "cma" (pycma, an extra) and "de"
-        (SciPy's differential evolution) are there for comparison.
+        mount at a time. "auto":
+        greedy starts and layouts optimised on a surrogate, the best of them improved by local
+        search and restarts; by local search alone where mounts share variables.
     max_maps : int, optional
         Stop before more maps are rendered; without it "swarm" has its iterations, and the
         others 4,000 maps a sensor and model.
@@ -29,7 +30,7 @@ class SearchOptions:
         Stop after the iteration that takes the run past this time.
     """
 
-    method: Literal["swarm", "auto", "greedy", "refine", "cma", "de"] = "auto"
+    method: Method = "auto"
     max_maps: int | None = None
     max_seconds: float | None = None
 

@@ -19,8 +19,8 @@ from glvis.inputs.complaints import checked
 from glvis.inputs.files import json_value
 from glvis.inputs.study import Study
 from glvis.inputs.values import between
-from glvis.optim.search import TraceRow
 from glvis.optim.swarm_options import SwarmOptions
+from glvis.optim.trace import TraceRow
 
 _MOST_ITERATIONS = 10**9
 _ROUNDING = 1e-9

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.optim.box import Box, Floats
 from glvis.optim.swarm_options import SwarmOptions
 
-__all__ = ["Swarm", "SwarmOptions", "TraceRow"]
+__all__ = ["Swarm", "SwarmOptions", "SwarmRow"]
 
 STATE_VERSION = 1
 # A configuration that changes nothing: without it the import of pyswarms opens ./report.log
@@ -37,7 +37,7 @@ _SWARM_ARRAYS = ("position", "velocity", "pbest_pos", "pbest_cost")
 _SCALARS = ("iteration", "_waiting", "_inertia", "_neighbours", "_stall_counter", "_stall_from")
 
 
-class TraceRow(NamedTuple):
+class SwarmRow(NamedTuple):
     """One evaluated swarm.
 
     ``best`` is the largest value so far, ``mean`` and ``std`` are those of this swarm (NaN where
@@ -90,7 +90,7 @@ class Swarm:
         Of the positions last asked for; 0 is the first swarm.
     evaluations : int
         Values told so far.
-    trace : list of TraceRow
+    trace : list of SwarmRow
         One row for each evaluated swarm, the first one included.
 
     Raises
@@ -136,7 +136,7 @@ class Swarm:
         self.iteration = 0
         self.best_x: Floats = position[0].copy()
         self.stop_reason: str | None = None
-        self.trace: list[TraceRow] = []
+        self.trace: list[SwarmRow] = []
 
     def ask(self) -> Floats:
         """Return the positions (P, D) to evaluate next.
@@ -176,7 +176,7 @@ class Swarm:
             self.best_x = swarm.position[v.argmax()].copy()
         finite = v[np.isfinite(v)]
         self.trace.append(
-            TraceRow(
+            SwarmRow(
                 iteration=self.iteration,
                 best=max(old_best, float(v.max())),
                 mean=float(finite.mean()) if len(finite) else math.nan,
@@ -289,7 +289,7 @@ class Swarm:
         swarm.best_x = np.array(state["best_x"])
         for name in _SCALARS:
             setattr(swarm, name, scalars[name])
-        swarm.trace = [TraceRow(*row) for row in scalars["trace"]]
+        swarm.trace = [SwarmRow(*row) for row in scalars["trace"]]
         swarm._seconds_before = scalars["seconds"]
         swarm.stop_reason = swarm._rule_that_stops()
         return swarm

@@ -1,6 +1,6 @@
-"""Makes maps in several processes, each with its own OpenGL context.
+"""Worker processes that make maps, each with its own OpenGL context.
 
-Every worker is told the scene once and then a few poses at a time. A worker that dies or hangs
+Every worker is sent the scene once and then a few poses at a time. A worker that dies or hangs
 is replaced and its maps are made again by another; a map depends on nothing but its pose, so
 nobody can tell from the result.
 """
@@ -24,20 +24,16 @@ from typing import Any
 import numpy as np
 
 from glvis.errors import MachineError
+from glvis.optim.jobs import TIMEOUT_LEAST, TIMEOUT_START, job_timeout, share_out
 from glvis.sight.context import GlInfo
 from glvis.sight.maps import Bits, MapJob, MapScene
 
-# Seconds that a worker may take before it counts as hung: to start, for a job at least, and at
-# most; between the two, so many times longer than any job before, pose for pose. Within a job
-# of quick maps a driver may give up on one of millions of faces, and NumPy has to make it.
-PATIENCE_START, PATIENCE, PATIENCE_MOST, PATIENCE_FACTOR = 300.0, 60.0, 540.0, 20.0
 _MOST_DEATHS = 3  # in a row at the start, or over the same maps: then it is no accident
 _AHEAD = 2  # jobs that a worker holds, so that it need not wait for the next one
 # Poses a job: many enough that sending them costs nothing, few enough to share them out evenly.
 # The least are four maps, and two poses: a map of a pose alone may take twice as long as one of
 # several together.
 _JOB_ON_CPU, _JOB_ON_GPU, _LEAST_MAPS, _LEAST = 32, 128, 4, 2
-_FEW = 8  # poses a worker: not more are shared out all at once, not more finely towards the end
 # One core a worker: neither the rasteriser nor linear algebra shall start threads of their own.
 _THREADS = {
     "LP_NUM_THREADS": "0",
@@ -63,63 +59,22 @@ def _cgroup_limit() -> str:
         return ""
 
 
-def shared_out(
-    jobs: Sequence[MapJob], workers: int, least: int, most: int
-) -> tuple[list[MapJob], list[tuple[int, int]]]:
-    """Return jobs in parts for workers, and of each job its parts, begin and end.
-
-    Parameters
-    ----------
-    jobs : sequence of MapJob
-        Of any size.
-    workers : int
-        How many share them. A part is half of one's share of what is left: parts become smaller
-        towards the end, so that all workers end together,
-    least, most : int
-        but no parts of fewer poses than ``least``, nor of more than ``most``.
-    """
-    left = sum(map(len, jobs))
-    share = -(-left // workers)
-    if share <= _FEW:
-        least = max(least, share)
-    parts: list[MapJob] = []
-    spans = []
-    for job in jobs:
-        begin, first = len(parts), 0
-        while first < len(job):
-            size = max(least, min(most, -(-left // (2 * workers))))
-            parts.append(job[first : first + size])
-            first, left = first + size, left - len(parts[-1])
-        spans.append((begin, len(parts)))
-    return parts, spans
-
-
-def patience_with(poses: int, slowest: float, least: float = PATIENCE) -> float:
-    """Return the seconds after which a worker that is at so many poses counts as hung.
-
-    ``slowest`` is the longest that a pose has taken, seconds; 0 where none is known.
-    """
-    if not slowest:
-        return PATIENCE_START
-    return min(PATIENCE_MOST, max(least, PATIENCE_FACTOR * slowest * poses))
-
-
 class Workers:
-    """Processes that make maps; used as an Evaluator's ``maps``.
+    """Worker processes that make maps; used as an Evaluator's ``maps``.
 
     Parameters
     ----------
     scene : MapScene
-        What there is to see, and by which sensors.
+        Models, obstacles and sensors.
     n : int
         Processes.
-    patience : float, optional
-        Seconds without an answer after which a worker counts as hung, at least.
+    timeout : float, optional
+        Least timeout of a job, seconds.
 
     Attributes
     ----------
     gl : GlInfo
-        Who draws.
+        The OpenGL driver in use.
     workers : int
         Processes.
     warnings : list of str
@@ -135,14 +90,14 @@ class Workers:
 
     names: Sequence[str] = ()
 
-    def __init__(self, scene: MapScene, n: int, *, patience: float = PATIENCE) -> None:
+    def __init__(self, scene: MapScene, n: int, *, timeout: float = TIMEOUT_LEAST) -> None:
         if n < 1:
             raise ValueError(f"workers = {n} must be at least 1")
         self.workers = n
         self.warnings: list[str] = []
         self._least = max(_LEAST, -(-_LEAST_MAPS // len(scene.models)))
         self._scene = pickle.dumps(scene, protocol=pickle.HIGHEST_PROTOCOL)
-        self._patience = patience
+        self._timeout = timeout
         self._slowest = 0.0  # seconds a pose
         self._deaths_at_start = 0
         self._call = 0  # so that answers to a call that nobody waits for any more are known
@@ -166,7 +121,7 @@ class Workers:
             If three workers die over the same maps. What a worker raises is raised here.
         """
         most = _JOB_ON_CPU if self.gl.is_software else _JOB_ON_GPU
-        call = _Call(*shared_out(jobs, self.workers, self._least, most))
+        call = _Call(*share_out(jobs, self.workers, self._least, most))
         self._call += 1
         for begin, end in call.spans:
             while not all(part in call.made for part in range(begin, end)):
@@ -192,7 +147,7 @@ class Workers:
                     worker.give((self._call, part), call.parts[part])
 
     def _listen(self, call: _Call) -> None:
-        """Wait for an answer, a death or the end of somebody's patience, and deal with it."""
+        """Wait for an answer, a death or a timeout, and deal with it."""
         now = time.monotonic()
         deadlines = [self._deadline(worker) for worker in self._crew]
         timeout = max(0.0, min(deadlines) - now) if any(w.is_busy for w in self._crew) else None
@@ -213,11 +168,11 @@ class Workers:
     def _deadline(self, worker: _Worker) -> float:
         """Return the time after which a worker counts as hung."""
         if not worker.is_ready:
-            return worker.since + max(PATIENCE_START, self._patience)
+            return worker.since + max(TIMEOUT_START, self._timeout)
         if not worker.holds:
             return float("inf")
         poses = len(worker.holds[0][1])
-        return worker.since + patience_with(poses, self._slowest, self._patience)
+        return worker.since + job_timeout(poses, self._slowest, self._timeout)
 
     def _take(self, worker: _Worker, tag: Any, answer: Any, call: _Call) -> None:
         """Deal with what a worker says."""

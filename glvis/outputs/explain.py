@@ -80,11 +80,11 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
 def values_without(placement: Placement) -> Floats:
     """Return the value of the objective without each sensor in turn, (S,) float64."""
     study = placement.study
-    values = np.zeros((len(study.sensors), len(study.models)))
-    for m, (model, found) in enumerate(zip(study.models, placement.maps, strict=True)):
-        for s, visible in enumerate(found.visible):
-            counts = found.counts - visible
-            values[s, m] = study.objective.terms(counts, model.areas)["value"]
+    areas = [model.areas for model in study.models]
+    values = [
+        study.objective.value_by_model([m.counts - m.visible[s] for m in placement.maps], areas)
+        for s in range(len(study.sensors))
+    ]
     return study.objective.aggregated(values)
 
 

@@ -51,10 +51,9 @@ def worth(placement: Placement, maps: list[VisibilityMap] | None = None) -> Wort
     """Return what a placement's maps, or others of its study, are worth."""
     study = placement.study
     found = list(placement.maps) if maps is None else maps
-    values = [
-        study.objective.terms(one.counts, model.areas)["value"]
-        for one, model in zip(found, study.models, strict=True)
-    ]
+    values = study.objective.value_by_model(
+        [one.counts for one in found], [model.areas for model in study.models]
+    )
     noun = noun_of_shares(study.models, study.objective.by_area)
     shares = [
         share_of(model, one.counts > 0, noun)

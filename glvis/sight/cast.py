@@ -25,8 +25,8 @@ from glvis.sight.context import gl_context
 from glvis.sight.culling import Culled
 from glvis.sight.gpu_scene import GpuScene
 from glvis.sight.points import grid_size, large_faces
+from glvis.sight.rays import visible_of
 from glvis.sight.surface import Surface, compiled_compute, texture_of
-from glvis.sight.trace import visible_of
 from glvis.sight.views import Views
 from glvis.sight.visibility import VisibilityOptions
 

@@ -27,7 +27,7 @@ Bools = NDArray[np.bool_]
 
 # CropBack by the paper's rules: back faces are tolerated up to 20 degrees past edge on.
 _BACK_TOLERANCE = math.radians(20)
-_ANY_FRONT, _ANY = 0.0, -2.0  # cosines that refuse no face that looks here, and none at all
+_ANY_RAY, _ANY_AXIS = 0.0, -2.0  # cosines that refuse nothing
 
 
 class Refusal(IntEnum):
@@ -52,7 +52,7 @@ class Limits:
     min_distance, max_distance : float
         minD and maxD, depth along the optical axis, scene unit.
     min_ray_cos : float
-        Cosine of the largest incidence by the true ray; 0: any up to edge on, -2: any.
+        Cosine of the largest incidence by the true ray; 0: any.
     min_axis_cos : float
         Cosine of the largest incidence by the optical axis; -2: any.
     tolerates_backs : bool
@@ -62,8 +62,8 @@ class Limits:
     tan_half: tuple[float, float]
     min_distance: float
     max_distance: float
-    min_ray_cos: float = _ANY_FRONT
-    min_axis_cos: float = _ANY
+    min_ray_cos: float = _ANY_RAY
+    min_axis_cos: float = _ANY_AXIS
     tolerates_backs: bool = False
 
     @classmethod
@@ -82,10 +82,15 @@ class Limits:
             (tan_x, tan_y),
             sensor.min_distance,
             sensor.max_distance,
-            (_ANY if by_paper else _ANY_FRONT) if by_axis else min_cos,
-            min_cos if by_axis and not is_off else _ANY,
+            _ANY_RAY if by_axis else min_cos,
+            min_cos if by_axis and not is_off else _ANY_AXIS,
             by_paper,
         )
+
+    @property
+    def needs_axis(self) -> bool:
+        """Whether the angle to the optical axis matters."""
+        return self.tolerates_backs or self.min_axis_cos > _ANY_AXIS
 
 
 def crop_fov(x: Array, y: Array, depth: Array, limits: Limits) -> Bools:
@@ -99,8 +104,9 @@ def crop_fov(x: Array, y: Array, depth: Array, limits: Limits) -> Bools:
         Of the sensor.
     """
     tan_x, tan_y = limits.tan_half
-    inside = (depth > 0) & (depth <= limits.max_distance)
-    inside &= (np.abs(x) <= tan_x * depth) & (np.abs(y) <= tan_y * depth)
+    inside: Bools = depth <= limits.max_distance
+    inside &= np.abs(x) <= tan_x * depth  # never behind the camera, where the depth is negative
+    inside &= np.abs(y) <= tan_y * depth
     return inside
 
 
@@ -121,19 +127,24 @@ def crop_back(height: Array, axis_cos: Array, limits: Limits) -> Bools:
     return height > 0
 
 
-def crop_norm(height: Array, distance: Array, axis_cos: Array, limits: Limits) -> Bools:
-    """Return which faces are within the largest incidence (CropNorm); any one shape.
+def crop_norm(height: Array, distance_squared: Array, axis_cos: Array, limits: Limits) -> Bools:
+    """Return which faces are within the largest incidence (CropNorm), of those CropBack keeps.
+
+    Any one shape.
 
     Parameters
     ----------
     height, axis_cos : (...) float
         As for ``crop_back``.
-    distance : (...) float
-        From the optical centre to the point of the face, scene unit.
+    distance_squared : (...) float
+        From the optical centre to the point of the face, scene unit, squared.
     limits : Limits
         Of the sensor.
     """
-    return (height >= limits.min_ray_cos * distance) & (axis_cos >= limits.min_axis_cos)
+    within: Bools = height * height >= limits.min_ray_cos**2 * distance_squared
+    if limits.needs_axis:
+        within &= axis_cos >= limits.min_axis_cos
+    return within
 
 
 def crop_near(depth: Array, limits: Limits) -> Bools:
@@ -174,17 +185,17 @@ class CameraFaces:
         return back * depth - across * x - up * y
 
     @property
-    def distances(self) -> Floats:
+    def distances_squared(self) -> Floats:
         """From the optical centre to the first point of each, (n,)."""
-        distances: Floats = np.sqrt(np.sum(self.points[:, 0] ** 2, axis=0))
-        return distances
+        squared: Floats = np.sum(self.points[:, 0] ** 2, axis=0)
+        return squared
 
 
 def look_at_camera(faces: CameraFaces, limits: Limits) -> Bools:
     """Return which faces pass CropBack and CropNorm, (n,): all that depends on the normal."""
     heights, axis_cos = faces.heights, faces.normals[2]
     passes = crop_back(heights, axis_cos, limits)
-    return passes & crop_norm(heights, faces.distances, axis_cos, limits)
+    return passes & crop_norm(heights, faces.distances_squared, axis_cos, limits)
 
 
 def pass_filters(faces: CameraFaces, limits: Limits) -> Bools:
@@ -207,7 +218,7 @@ def refusal(faces: CameraFaces, limits: Limits) -> NDArray[np.int64]:
         Refusal.TURNED_AWAY: ~crop_back(heights, axis_cos, limits),
         Refusal.TOO_FAR: ~crop_fov(x, y, depth, limits).any(axis=0),
         Refusal.TOO_NEAR: ~crop_near(depth, limits).all(axis=0),
-        Refusal.TOO_OBLIQUE: ~crop_norm(heights, faces.distances, axis_cos, limits),
+        Refusal.TOO_OBLIQUE: ~crop_norm(heights, faces.distances_squared, axis_cos, limits),
     }
     return np.select(list(refused.values()), [int(r) for r in refused], default=int(Refusal.NONE))
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from glvis.inputs.scene import Model
 from glvis.inputs.sensor import Sensor
-from glvis.sight import paper, trace
+from glvis.sight import paper, rays
 from glvis.sight.cast import Caster, can_hold
 from glvis.sight.context import GlInfo, gl_info
 from glvis.sight.culling import Culled, cull
@@ -179,7 +179,7 @@ class LocalMaps:
         # what CropBack refuses and so hides nothing is no matter for the shaders that cast
         if self._casts and self._options.occlusion == "physical":
             return self._caster.visible
-        return trace.visible
+        return rays.visible
 
     def _bits(self, job: MapJob) -> Bits:
         """Return the maps of poses that are looked at together."""

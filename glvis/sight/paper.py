@@ -57,7 +57,7 @@ def paper_map(
     # 2. CropBack: and does not look away
     kept &= crop_back(heights, axis_cos, limits)
     # 3. CropNorm: and is not too oblique for the sensor, which makes it the RGB-D filter, too
-    kept &= crop_norm(heights, faces.distances, axis_cos, limits)
+    kept &= crop_norm(heights, faces.distances_squared, axis_cos, limits)
     # 4. Ray tracing to the centres, among what is left and all obstacles
     seen = np.zeros(model.n_faces, dtype=bool)
     left = np.flatnonzero(kept)

@@ -1,6 +1,6 @@
 """CMA-ES by pycma, for comparison: a whole layout moves at a time, by steps that learn a shape.
 
-pycma is an extra (``methods``) and imported only when the study asks for this method.
+pycma is an extra (``bench``) and imported only when this method is asked for.
 
 References
 ----------
@@ -61,6 +61,6 @@ def _imported() -> Any:
         import cma as library
     except ImportError as error:
         raise MachineError(
-            f"search.method = 'cma' needs pycma ({error}); {installed_by('methods')}"
+            f"the method 'cma' needs pycma ({error}); {installed_by('bench')}"
         ) from error
     return library

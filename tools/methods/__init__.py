@@ -1,0 +1,7 @@
+"""Search methods for comparison only, as scripts of ``glvis.optim.script``; see compare_methods."""
+
+from methods.covariance import cma
+from methods.differential import differential_evolution
+from methods.refine import refine_alone
+
+METHODS = {"refine": refine_alone, "cma": cma, "de": differential_evolution}
