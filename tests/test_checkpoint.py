@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from small_study import SMALL, write_small_study
 import glvis
 from glvis.errors import MachineError, StudyError
 from glvis.inputs.study import load_study
+from glvis.optim.auto_options import AutoOptions
 from glvis.optim.checkpoint import read_checkpoint, write_checkpoint
 from glvis.optim.placement import evaluate_poses, place_sensors
 
@@ -62,10 +64,10 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
 
 def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkeypatch):
     study = load_study(study.path, ["search.method=auto", "search.max_maps=700"])
-    monkeypatch.setattr("glvis.optim.guess._MOST_POSES", 150)  # learned up to some way in
-    monkeypatch.setattr("glvis.optim.auto._SKETCH_ROUNDS", 1)  # quick
+    # quick, and the surrogate learns up to some way in
+    monkeypatch.setattr("glvis.optim.search.AutoOptions", partial(AutoOptions, poses=150, rounds=1))
     unbroken = place_sensors(study)
-    assert {"sketch", "climb", "rivals"} <= {row.method for row in unbroken.trace}
+    assert {"surrogate", "local search", "restart"} <= {row.method for row in unbroken.trace}
     sizes = []
     for resume, iteration in enumerate((0, 5, 40)):
         with pytest.raises(Broken):

@@ -74,18 +74,18 @@ def test_time_is_shared_by_workers_and_ends_with_the_studys_own():
     assert replace(cost, max_seconds=3).run_seconds() == 3
 
 
-def test_guesses_are_one_processs_work_and_what_is_within_reach_comes_on_top():
-    cost = Cost(0.1, 5, 8, 800, math.inf, None, guess_seconds=0.01)
+def test_predictions_are_one_processs_work_and_what_is_within_reach_comes_on_top():
+    cost = Cost(0.1, 5, 8, 800, math.inf, None, search_seconds=0.01)
     assert (cost.run_seconds(), cost.run_seconds(4)) == pytest.approx((18, 10.5))
     assert (cost.reach_seconds(), cost.reach_seconds(4)) == pytest.approx((10, 2.5))
     assert replace(cost, max_seconds=3).reach_seconds() == 3
 
 
-@pytest.mark.parametrize(("method", "guesses"), [("auto", True), ("swarm", False)])
-def test_guesses_are_measured_in_a_small_search(tmp_path, method, guesses):
+@pytest.mark.parametrize(("method", "predicts"), [("auto", True), ("swarm", False)])
+def test_predictions_are_measured_in_a_small_search(tmp_path, method, predicts):
     text = SMALL.replace('method = "swarm"', f'method = "{method}"')
     cost = measured_cost(load_study(write_small_study(tmp_path, text)), max_seconds=0.2)
-    assert (cost.guess_seconds > 0) == guesses
+    assert (cost.search_seconds > 0) == predicts
 
 
 def test_shortest_of_the_studys_times_counts(tmp_path):

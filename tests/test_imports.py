@@ -86,7 +86,7 @@ ARROWS = {
     "remote": "context errors maps",
     "cluster": "errors hints jobs maps remote",
     "surrogate": "auto_options filters sensor study",
-    "search": "auto box errors greedy script search_options study surrogate swarm",
+    "search": "auto auto_options box errors greedy script search_options study surrogate swarm",
     "states": "complaints files study swarm_options trace values",
     "checkpoint": "complaints errors evaluator files states study",
     "run": "checkpoint errors evaluator progress script search study trace",

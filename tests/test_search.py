@@ -11,7 +11,7 @@ from small_study import SMALL, write_small_study
 
 from glvis.errors import StudyError
 from glvis.inputs.study import load_study
-from glvis.optim.auto import _combine, _make_surrogate_layouts, auto, restart_block, restart_cost
+from glvis.optim.auto import _make_surrogate_layouts, _recombine, auto, restart_block, restart_cost
 from glvis.optim.box import Box
 from glvis.optim.evaluator import Evaluator
 from glvis.optim.greedy import draw, place_greedily, search_greedily, sensor_groups
@@ -22,7 +22,13 @@ from glvis.optim.script import Block, ScriptSearch
 from glvis.optim.search import SCRIPTS
 from glvis.optim.search_options import METHODS, SearchOptions
 
-STAGES = ("sketch", "climb", "rivals", "recombine")  # of auto, beside other methods
+STAGES = (
+    "start",
+    "surrogate",
+    "local search",
+    "restart",
+    "recombine",
+)  # of auto, beside other methods
 
 
 def test_blocks_are_what_moves_together_and_all_that_moves_no_others():
@@ -196,7 +202,7 @@ def test_auto_makes_no_restarts_where_groups_share_variables():
     course = Course(ScriptSearch(SCRIPTS["auto"], problem(SHARED, max_maps=4000)), ridge, SHARED)
     course.run()
     stages = [method for method, _ in groupby(method for _, _, method in course.asks)]
-    assert stages == ["sketch", "climb", "sketch", "climb"]  # the start, where it leads, others
+    assert stages == ["start", "local search", "surrogate", "local search"]
     assert course.search.best_value > -0.01
 
 
@@ -205,16 +211,16 @@ def test_auto_takes_every_mount_to_the_higher_hill():
     assert Course(search, hills, PAIR).run().best_value > 3.9
 
 
-def test_places_that_runs_found_are_combined_at_no_cost_of_maps():
+def test_places_that_runs_found_are_recombined_at_no_cost_of_maps():
     task = problem(PAIR, start=0.1)
     good, bad = [0.7, 0.7], [0.0, 0.0]
     found = [np.array(one + other) for one, other in ((good, bad), (bad, bad))]
     run = (found[1], bowl(found[1], ()))
-    (x, value), _ = run_script(_combine(task, run, found), bowl, (0, 1))
+    (x, value), _ = run_script(_recombine(task, run, found), bowl, (0, 1))
     assert x.tolist() == good + good and value == bowl(x, ())
     worse = [np.array(bad + bad)]
     run = (found[0], bowl(found[0], ()))
-    (x, value), _ = run_script(_combine(task, run, worse), bowl, (0, 1))
+    (x, value), _ = run_script(_recombine(task, run, worse), bowl, (0, 1))
     assert x is found[0] and value == bowl(x, ())
 
 

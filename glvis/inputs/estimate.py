@@ -19,13 +19,13 @@ from glvis.optim.search_options import MAPS
 from glvis.sight.context import GlInfo, rasterising_in_this_thread
 
 _MOST_SAMPLES = 12
-_FEW_MAPS = 400  # of a search that is measured; it thinks as much a map as one of thousands
+_FEW_MAPS = 400  # of a search that is measured; it computes as much a map as one of thousands
 _POSITIONS = 6  # at which areas by both criteria are compared, the start among them
 
 
 @dataclass(frozen=True)
 class Cost:
-    """A measured guess at what a full run takes.
+    """A measured estimate of what a full run takes.
 
     Attributes
     ----------
@@ -42,8 +42,8 @@ class Cost:
         That the study gives a run; infinite where it does not say.
     gl : GlInfo
         Who drew.
-    guess_seconds : float
-        That the search thinks for every map that it has rendered, in one process whatever the
+    search_seconds : float
+        That the search computes for every map that it has rendered, in one process whatever the
         number of workers, as measured in a search of a few hundred maps.
     """
 
@@ -53,16 +53,16 @@ class Cost:
     run_maps: int
     max_seconds: float
     gl: GlInfo
-    guess_seconds: float = 0.0
+    search_seconds: float = 0.0
 
     def map_seconds(self, workers: int = 1) -> float:
         """Return what the maps of a full run take."""
         return self.evaluation_seconds * self.run_maps / self.maps / workers
 
     def run_seconds(self, workers: int = 1) -> float:
-        """Return what a full run takes, its guesses besides its maps."""
-        guessing = self.guess_seconds * self.run_maps
-        return min(self.map_seconds(workers) + guessing, self.max_seconds)
+        """Return what a full run takes, its maps and what the search computes."""
+        searching = self.search_seconds * self.run_maps
+        return min(self.map_seconds(workers) + searching, self.max_seconds)
 
     def reach_seconds(self, workers: int = 1) -> float:
         """Return what sampling takes at most, after a run, of what is within reach."""
@@ -107,17 +107,17 @@ def measured_cost(study: Study, *, max_seconds: float = 3.0) -> Cost:
             run_maps(study),
             study.max_seconds or math.inf,
             evaluator.gl,
-            _guess_seconds(study, max_seconds, evaluation / maps),
+            _search_seconds(study, max_seconds, evaluation / maps),
         )
 
 
-def _guess_seconds(study: Study, max_seconds: float, map_seconds: float) -> float:
-    """Return what a search thinks a map, beside rendering it, from one with a small budget.
+def _search_seconds(study: Study, max_seconds: float, map_seconds: float) -> float:
+    """Return what a search computes a map, beside rendering it, from one with a small budget.
 
     The stages of a search share its budget, so a small one has as much of each.
     """
     if not study.variables or study.search.method == "swarm":
-        return 0.0  # a swarm thinks next to nothing
+        return 0.0  # a swarm computes next to nothing
     budget = min(run_maps(study), _FEW_MAPS, int(max_seconds / map_seconds) + 1)
     small = replace(study, search=replace(study.search, max_maps=budget, max_seconds=None))
     with rasterising_in_this_thread():
@@ -125,16 +125,16 @@ def _guess_seconds(study: Study, max_seconds: float, map_seconds: float) -> floa
     with evaluator:
         search = new_search(small, evaluator.most_poses)
         evaluator(search.best_x)
-        begin, thought = time.perf_counter(), 0.0
+        begin, computed = time.perf_counter(), 0.0
         while search.stop_reason is None and time.perf_counter() - begin < 2 * max_seconds:
             started = time.perf_counter()
             positions = search.ask()
-            thought += time.perf_counter() - started
+            computed += time.perf_counter() - started
             by_model = np.array(list(evaluator.each(positions, search.sensors, search.note)))
             started = time.perf_counter()
             search.tell(small.objective.aggregated(by_model), evaluator.maps_rendered)
-            thought += time.perf_counter() - started
-        return thought / evaluator.maps_rendered
+            computed += time.perf_counter() - started
+        return computed / evaluator.maps_rendered
 
 
 @dataclass(frozen=True)

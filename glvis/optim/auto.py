@@ -32,7 +32,8 @@ from glvis.optim.local_search import (
 )
 from glvis.optim.script import Block, Floats, Problem, Script
 
-METHOD, METHOD_RESTART = "sketch", "rivals"
+# Names of stages in the trace, beside those of greedy.py and local_search.py.
+START, SURROGATE, RESTART, RECOMBINE = "start", "surrogate", "restart", "recombine"
 
 Run = tuple[Floats, float]  # a layout (D,) and its value
 
@@ -40,7 +41,7 @@ Run = tuple[Floats, float]  # a layout (D,) and its value
 def auto(problem: Problem) -> Script:
     """Search until all maps that may be rendered are."""
     x = problem.start
-    (value,) = yield problem.ask(x[None], range(len(problem.moved_by)), METHOD)
+    (value,) = yield problem.ask(x[None], range(len(problem.moved_by)), START)
     start = (x, float(value))
     if all(group.is_separable for group in sensor_groups(problem)):
         yield from _search_separable(problem, start)
@@ -68,12 +69,12 @@ def _search_separable(problem: Problem, start: Run) -> Script:
             runs[number] = run
         found += [x for x, _ in runs]
         runs = _take_best(runs, len(runs) // 2)
-        runs[0] = yield from _combine(problem, runs[0], found)
+        runs[0] = yield from _recombine(problem, runs[0], found)
     run = runs[0]
     end = options.restart_share * problem.max_maps
     while problem.maps_rendered < end and dearest <= problem.left():
         run = yield from _try_restart(problem, run, next(blocks), found)
-        run = yield from _combine(problem, run, found)
+        run = yield from _recombine(problem, run, found)
     yield from search_locally(problem, *run)
 
 
@@ -138,7 +139,7 @@ def _make_surrogate_layouts(problem: Problem, share: float, rounds: int, candida
         new, _ = optimize_on_surrogate(
             problem, x, problem.blocks, rounds, candidates, with_restarts=True
         )
-        new_values = yield problem.ask(new, sensors, METHOD)
+        new_values = yield problem.ask(new, sensors, SURROGATE)
         is_better = new_values > values
         x = np.where(is_better[:, None], new, x)
         values = np.where(is_better, new_values, values)
@@ -172,14 +173,14 @@ def restart_block(problem: Problem, x: Floats, block: Block) -> Script:
     layouts, _ = optimize_on_surrogate(
         problem, layouts, [block], options.restart_rounds, options.candidates, with_restarts=False
     )
-    values = yield problem.ask(layouts, block.sensors, METHOD_RESTART)
+    values = yield problem.ask(layouts, block.sensors, RESTART)
     stay = options.survivors
     while stay:
         best = np.argsort(-values, kind="stable")[:stay]
         layouts, values = layouts[best], values[best]
         for _ in range(options.survivor_steps):
             candidates = np.concatenate([propose(problem, layout, block) for layout in layouts])
-            new_values = yield problem.ask(candidates, block.sensors, METHOD_RESTART)
+            new_values = yield problem.ask(candidates, block.sensors, RESTART)
             rows = np.arange(len(layouts))
             best = new_values.reshape(-1, options.tries).argmax(axis=1) + rows * options.tries
             is_better = new_values[best] >= values  # on a plateau they may wander
@@ -201,7 +202,7 @@ def _try_restart(problem: Problem, run: Run, block: Block, found: list[Floats]) 
     return (layout, value) if value >= run[1] else run
 
 
-def _combine(problem: Problem, run: Run, found: list[Floats]) -> Script:
+def _recombine(problem: Problem, run: Run, found: list[Floats]) -> Script:
     """Return a run with each group, all separable, at the best place of any in ``found``."""
     groups = sensor_groups(problem)
     x, value = run
@@ -215,6 +216,6 @@ def _combine(problem: Problem, run: Run, found: list[Floats]) -> Script:
         poses = len(known) * len(group.sensors)
         if poses > min(problem.left() // problem.models, problem.most_poses // 2):
             return run
-        yield problem.ask(layouts, group.sensors, "recombine", group.sensors)
+        yield problem.ask(layouts, group.sensors, RECOMBINE, group.sensors)
     other_value, other = yield from exchange(problem, groups, places, x)
     return (other, float(other_value)) if other_value > value else run

@@ -1,8 +1,8 @@
-"""From positions of the variables to values of the objective: the cost of the search.
+"""The evaluator: from positions of the variables to values of the objective.
 
 Maps are kept by pose: a sensor that did not move, or a mount that is fixed, is rendered once.
-Who renders, this process or others, is the business of ``maps`` and ``workers``; values are
-the same to the last bit.
+Maps are made by this process or by others (``maps``, ``workers``, ``cluster``); values are the
+same to the last bit.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ POSE_BYTES = 16  # of the key of a pose
 
 
 class Evaluator(Held):
-    """Renders the sensors of positions on every model; a context manager.
+    """An evaluator of positions, which renders all sensors on every model; a context manager.
 
     Parameters
     ----------

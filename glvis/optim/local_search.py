@@ -13,7 +13,7 @@ import numpy as np
 
 from glvis.optim.script import Block, Floats, Problem, Script
 
-METHOD = "climb"
+METHOD = "local search"
 
 
 def search_locally(problem: Problem, x: Floats, value: float, maps: int | None = None) -> Script:

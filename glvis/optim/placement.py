@@ -1,4 +1,4 @@
-"""The main job: a study's search runs to its end, and the best poses come back with their maps.
+"""Placement, the main job: a study is searched, and the best poses come back with their maps.
 
 Joins evaluator and search; knows neither files of results nor a terminal.
 """

@@ -1,4 +1,4 @@
-"""How far a search is: towards the limit that it will meet first, at its speed of late."""
+"""Progress of a search: towards the limit that it will meet first, at its speed of late."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Spent(NamedTuple):
-    """What a search has spent at some moment; fields are the names of limits, too."""
+    """Amounts that a search has spent at some moment; fields are the names of limits, too."""
 
     iterations: float
     maps: float
@@ -18,7 +18,7 @@ class Spent(NamedTuple):
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a search is.
+    """Progress of a search.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the sensors could see at best: the share of each model that some allowed pose sees.
+"""Reach: what the sensors could see at best, the share of each model that some allowed pose sees.
 
 Positions of the variables are drawn at random within their bounds, and what each sensor sees
 from them is put together. No layout sees more than that, so a coverage of 68 % where 94 % can be
@@ -21,9 +21,8 @@ from glvis.optim.checkpoint import identity_of
 from glvis.optim.evaluator import Evaluator
 from glvis.sight.visibility import VisibilityMap
 
-# Sampling stops when a doubling has added less than this share of the faces. Measured: so
-# scenes/arm.toml stops after 128 positions at 99.7 %, and 1,024 find 99.9 %; scenes/kitchen-2.toml
-# after 4,096 at 97.4 %, and 16,384 find 97.7 %: what is missed is about the last growth.
+# Sampling stops when a doubling has added less than this share of the faces: what is missed is
+# about the last growth.
 _ENOUGH = 0.005
 _FIRST = 64  # positions before the first doubling; fewer may miss a whole side by chance
 _NEVER = 2**16 - 1  # of the numbers of positions
@@ -57,7 +56,7 @@ class Reach:
 
 
 class Sampler:
-    """Samples what can be reached, and keeps what it saw for the next search of the same study.
+    """A sampler of what can be reached, which keeps what it saw for the study's next search.
 
     Searches that differ in seed, method or objective alone are held against the same positions:
     which position first showed a face to a sensor tells what any number of the first ones see.

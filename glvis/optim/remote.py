@@ -1,4 +1,4 @@
-"""What a worker of a dask cluster does for ``cluster``: makes maps in an OpenGL context of its own.
+"""The worker's side of ``cluster``: makes maps on a dask worker, in an OpenGL context of its own.
 
 The scene is a plugin of the worker. dask hands a plugin once to every worker, also to one that
 comes later, and before any task. As data that tasks depend on it would be sent again and again:
@@ -21,7 +21,7 @@ from glvis.errors import MachineError
 from glvis.sight.context import GlInfo
 from glvis.sight.maps import Bits, LocalMaps, MapJob, MapScene
 
-# Address of the worker, who draws there, maps, the seconds they took.
+# Address of the worker, its OpenGL driver, maps, the seconds they took.
 Answer = tuple[str, GlInfo, Bits, float]
 
 DISTRIBUTION = "glvis-placement"  # what pip and dask know the package by
@@ -41,7 +41,7 @@ class SceneThere(WorkerPlugin):
     Parameters
     ----------
     scene : MapScene
-        What there is to see, and by which sensors.
+        Models, obstacles and sensors.
     client : str
         Identity of the client whose search it is for.
     """
@@ -56,7 +56,7 @@ class SceneThere(WorkerPlugin):
         _thread.submit(self._release)
 
     def draw(self, job: MapJob | None) -> tuple[GlInfo, Bits]:
-        """Return who draws, and the maps of a job if there is one."""
+        """Return the OpenGL driver, and the maps of a job if there is one."""
         return _thread.submit(self._drawn, job).result()
 
     def _drawn(self, job: MapJob | None) -> tuple[GlInfo, Bits]:
@@ -70,12 +70,12 @@ class SceneThere(WorkerPlugin):
 
 
 def draw(job: MapJob | None, scene: str, versions: Mapping[str, str]) -> Answer:
-    """Return the maps of a job, or without one only who draws.
+    """Return the maps of a job, or without one only the OpenGL driver.
 
     Parameters
     ----------
     job : MapJob or None
-        What to draw.
+        Poses to draw.
     scene : str
         Name of a ``SceneThere``.
     versions : mapping

@@ -1,4 +1,4 @@
-"""A search under way: asks, evaluates, tells, counts, and keeps what a later process needs."""
+"""The loop of a search: ask, evaluate, tell, count, and save what a later process needs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SECONDS = attrgetter("seconds")
 
 
 class Run:
-    """One search of one study.
+    """A search under way, of one study.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ class Run:
     Attributes
     ----------
     search : Search
-        The method, to be stopped or extended.
+        The search method, to be stopped or extended.
     start_value : float
-        Of the study's start.
+        Value of the study's start.
     trace : list of TraceRow
         One row an iteration.
     evaluations : int

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.errors import StudyError
 from glvis.inputs.study import Study
 from glvis.optim.auto import auto
+from glvis.optim.auto_options import AutoOptions
 from glvis.optim.box import Box
 from glvis.optim.greedy import search_greedily
 from glvis.optim.script import Method, Note, Problem, ScriptSearch
@@ -134,7 +135,8 @@ def _new_script_search(study: Study, most_poses: int, script: Method | None) -> 
         poses = rig.poses(x)
         return [(kind, pose.tobytes()) for kind, pose in zip(rig.sensor_kinds, poses, strict=True)]
 
-    surrogate = Surrogate(study)
+    options = AutoOptions()
+    surrogate = Surrogate(study, options)
     problem = Problem(
         box=box,
         start=box.inside(rig.start),
@@ -146,6 +148,7 @@ def _new_script_search(study: Study, most_poses: int, script: Method | None) -> 
         rng=np.random.default_rng(study.swarm.seed),
         surrogate=surrogate,
         learner=surrogate if script is auto else None,
+        options=options,
     )
     return ScriptSearch(script, problem)
 

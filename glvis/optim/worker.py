@@ -1,4 +1,4 @@
-"""One process that makes maps for another: told a scene once, then jobs, until that one is gone.
+"""A worker process that makes maps for another: sent a scene once, then jobs, until that is gone.
 
 Started by ``workers`` as ``python -m glvis.optim.worker FD``, never forked: a forked child of a
 process with an OpenGL context hangs. It imports what draws, and nothing that reads studies.

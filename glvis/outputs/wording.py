@@ -174,10 +174,10 @@ def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
             f"{duration(cost.run_seconds(workers))} with {workers} processes, "
             f"{duration(cost.run_seconds())} with one; it may end before"
         )
-        if cost.guess_seconds:
+        if cost.search_seconds:
             yield (
-                f"  of which guesses take {duration(cost.guess_seconds * cost.run_maps)} in one "
-                "process, whatever the number of others"
+                f"  of which predictions take {duration(cost.search_seconds * cost.run_maps)} in "
+                "one process, whatever the number of others"
             )
         yield (
             "  and after that up to "
