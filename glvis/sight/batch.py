@@ -1,4 +1,4 @@
-"""What the shaders that cast are told: which clusters, and which faces, each view has to do with.
+"""Dispatch tables of the shaders that cast: clusters and faces for each view, and their uniforms.
 
 One table of numbers and one list serve all views that are looked at together, so that little is
 sent to the GPU and seldom. See ``cast`` for what is done with them.
@@ -58,7 +58,7 @@ _SLACK = 1e-5  # of what faces span in the image, which float32 may round
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What views ask of one model of a scene.
+    """A visibility query: N views of one model among its occluders.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class ViewList:
-    """What n views are told of one surface, and where its clusters are listed for each.
+    """Uniform blocks of n views for one surface, and where its clusters are listed for each.
 
     Attributes
     ----------
@@ -101,12 +101,12 @@ class ViewList:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What the shaders are told of n views that are looked at together.
+    """The dispatch table of n views that go to the GPU together.
 
     Attributes
     ----------
     question : Question
-        What is asked.
+        The query.
     asked : ViewList
         Clusters that may have a face to count.
     tan_half : (2,) float64
@@ -181,7 +181,7 @@ class Closer:
     entries : (K,) uint32
         Places + 1 in the order of the clusters; a view's are filled up by zeros.
     list : ViewList
-        What is told.
+        Uniforms and lists.
     """
 
     parts: int

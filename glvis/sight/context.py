@@ -35,7 +35,7 @@ _INSTALL_HINT = (
 
 @dataclass(frozen=True)
 class GlInfo:
-    """Who draws: as the driver names itself, and the way the context was made."""
+    """The OpenGL driver in use: as it names itself, and the way the context was made."""
 
     vendor: str
     renderer: str
@@ -101,7 +101,7 @@ def rasterising_in_this_thread() -> Iterator[None]:
 
 
 class Held(ABC):
-    """What holds memory of the GPU, or processes, until the end of a ``with``."""
+    """A holder of GPU memory, or processes, until the end of a ``with``."""
 
     def __enter__(self) -> Self:
         return self

@@ -24,7 +24,7 @@ _SLACK = 1e-5  # of the cosine of the largest incidence, which float32 may round
 
 @dataclass(frozen=True, eq=False)
 class Culled:
-    """What N views keep of the C clusters of a scene.
+    """The cull result: what N views keep of the C clusters of a scene.
 
     Attributes
     ----------

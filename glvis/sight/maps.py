@@ -1,8 +1,15 @@
-"""Makes visibility maps of many poses, in this process: the one thing that needs OpenGL.
+"""From poses to visibility maps, in this process: cull, then the engine that the options call for.
 
-A job is a few poses of one sensor, looked at on every model: what follows from the poses alone
-is worked out once. Maps come back one bit a face, so that they can be kept and sent. ``workers``
-makes the same maps in other processes.
+| options | engine | how |
+| --- | --- | --- |
+| ``semantics = "paper"`` | ``paper`` | the paper's filters in order, then rays in NumPy |
+| pixels, at a stated resolution or several | ``draw`` | ID buffers, any OpenGL 3.3 |
+| all else, the default | ``cast`` | points of faces in compute shaders, OpenGL 4.3 |
+| the same without compute shaders, or ``occlusion = "paper"`` | ``rays`` | the same points in NumPy |
+
+All answer alike: ``visible(scene, views, culled, options)``, one (N, F) bool a model. A job is a few
+poses of one sensor, for every model: what follows from the poses alone is worked out once. Maps come
+back one bit a face, so that they can be kept and sent; ``optim.workers`` makes them elsewhere.
 """
 
 from __future__ import annotations
@@ -64,7 +71,7 @@ class MapJob:
 
 @dataclass(frozen=True, eq=False)
 class MapScene:
-    """What of a study decides its maps; the other half is the poses.
+    """The part of a study that decides its maps; the other half is the poses.
 
     Attributes
     ----------
