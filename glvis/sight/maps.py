@@ -3,13 +3,14 @@
 | options | engine | how |
 | --- | --- | --- |
 | ``semantics = "paper"`` | ``paper`` | the paper's filters in order, then rays in NumPy |
-| pixels, at a stated resolution or several | ``draw`` | ID buffers, any OpenGL 3.3 |
+| pixels, several or at a stated resolution | ``draw`` | ID buffers, any OpenGL 3.3 |
 | all else, the default | ``cast`` | points of faces in compute shaders, OpenGL 4.3 |
-| the same without compute shaders, or ``occlusion = "paper"`` | ``rays`` | the same points in NumPy |
+| the same, no compute shaders or ``occlusion = "paper"`` | ``rays`` | these points in NumPy |
 
-All answer alike: ``visible(scene, views, culled, options)``, one (N, F) bool a model. A job is a few
-poses of one sensor, for every model: what follows from the poses alone is worked out once. Maps come
-back one bit a face, so that they can be kept and sent; ``optim.workers`` makes them elsewhere.
+All answer alike: ``visible(scene, views, culled, options)``, one (N, F) bool a model. A job is a
+few poses of one sensor, for every model: what follows from the poses alone is worked out once.
+Maps come back one bit a face, so that they can be kept and sent; ``optim.workers`` and
+``optim.cluster`` make the same ones elsewhere.
 """
 
 from __future__ import annotations
