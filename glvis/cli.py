@@ -173,7 +173,10 @@ def init(
         typer.Option("--above", help="It stands on a floor: no sensor below its lowest point."),
     ] = False,
     room: Annotated[
-        bool, typer.Option("--room", help="A room: sensors within it, 0.3 m off the walls.")
+        bool,
+        typer.Option(
+            "--room", help="A room: sensors within it, high up, at least 0.3 m off the walls."
+        ),
     ] = False,
     together: Annotated[
         bool | None,

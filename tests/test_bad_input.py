@@ -154,7 +154,7 @@ def test_missing_study_is_named(capsys, tmp_path):
 def test_study_that_is_a_picture_is_refused(capsys, tmp_path):
     (tmp_path / "study.toml").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
     code, line = refused(capsys, "check", tmp_path / "study.toml")
-    assert (code, line.split(": ", 2)[2]) == (2, "is no text in UTF-8 (byte 0)")
+    assert (code, line.split(": ", 2)[2]) == (2, "is no text in UTF-8 (byte 0); save it as UTF-8")
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,9 @@ def test_poses_of_other_sensors_are_refused(capsys, folder):
         capsys, "evaluate", renamed, "-o", folder / "two", "--poses", folder / "out"
     )
     assert code == 2
-    assert line.endswith("result.json: has no pose for 'top'; it has A, B, C")
+    assert line.endswith(
+        "result.json: has no pose for 'top'; it has A, B, C, the study's sensors are A, B, top"
+    )
     assert not (folder / "two").exists()
 
 
