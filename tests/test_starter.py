@@ -138,13 +138,14 @@ def remarks_of(folder, models, **choices) -> tuple[str, list[str]]:
 
 def test_a_robot_of_links_is_one_thing_on_a_floor(tmp_path):
     path, said = remarks_of(tmp_path / "s", robots.write_links(tmp_path))
-    assert said[1].startswith(
-        "Warning: 1.08 mm across: are these metres (1.08 m)? Taken for metres"
+    assert said[1] == (
+        "Warning: 1.08 mm across: are these metres (1.08 m)? Taken for metres (or: --unit mm)"
     )
     assert "The 6 meshes are taken for one thing together (or: --each)" in said
     assert any(line.startswith("Taken for a thing that stands on a floor") for line in said)
     study = load_study(path)
     assert (study.unit, [model.name for model in study.models]) == ("m", ["assembly"])
+    assert study.title == "base and 5 more, assembled, 4 sensors"
     assert study.models[0].file.n_faces == sum(len(faces) for _, faces in robots.LINKS.values())
     assert study.objective.by_area
     assert study_warnings(study) == []
