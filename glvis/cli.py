@@ -95,7 +95,7 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
             raise
         return _fail(_TOO_LITTLE, 1)
     except _UsageError as error:
-        return _fail(f"{error.format_message().rstrip('.')}; 'glvis --help' tells more", 2)
+        return _fail(f"{error.format_message().rstrip('.')}; {_advice(error)}", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
     if code == _INTERRUPTED:  # typer makes it of KeyboardInterrupt, without a word
@@ -108,6 +108,14 @@ def _fail(text: str, code: int) -> int:
 
     sys.stderr.write(f"error: {one_line(text)}\n")
     return code
+
+
+def _advice(error: typer.BadParameter) -> str:
+    """Return what to do about a wrong use of the command line."""
+    command = error.ctx.command_path if error.ctx else "glvis"
+    if command == "glvis init" and "extra argument" in error.message:  # a shell unfolded *.stl
+        return "put --model before each mesh, or quotes about a pattern: --model '*.stl'"
+    return f"'{command} --help' tells more"
 
 
 def _is_text(word: str) -> bool:
@@ -149,7 +157,10 @@ def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")],
     model: Annotated[
         list[Path] | None,
-        typer.Option(metavar="MESH", help="What is to be seen: STL, OBJ, PLY ... Many times."),
+        typer.Option(
+            metavar="MESH",
+            help="What is to be seen: STL, OBJ, PLY ... Many times, or a pattern in quotes.",
+        ),
     ] = None,
     unit: Annotated[
         str | None,

@@ -185,6 +185,7 @@ def test_wrong_setting_is_named(capsys, folder, setting, fact):
         (["optimize", "STUDY", "-o", "out", "--sed", "1"], "No such option: --sed"),
         (["optimise"], "No such command 'optimise'"),
         (["check"], "Missing argument 'STUDY'"),
+        (["check", "STUDY", "more"], "unexpected extra argument"),
     ],
 )
 def test_wrong_use_of_the_command_line_is_one_line(capsys, folder, monkeypatch, arguments, fact):
@@ -193,7 +194,14 @@ def test_wrong_use_of_the_command_line_is_one_line(capsys, folder, monkeypatch, 
     code, line = refused(capsys, *(study if a == "STUDY" else a for a in arguments))
     assert code == 2
     assert fact in line
-    assert line.endswith("'glvis --help' tells more")
+    command = "glvis" if arguments[0] == "optimise" else f"glvis {arguments[0]}"
+    assert line.endswith(f"'{command} --help' tells more")
+
+
+def test_meshes_that_a_shell_has_unfolded_are_told_how_to_be_named(capsys, folder):
+    code, line = refused(capsys, "init", folder / "new", "--model", "a.stl", "b.stl")
+    assert code == 2
+    assert line.endswith("put --model before each mesh, or quotes about a pattern: --model '*.stl'")
 
 
 def test_negative_seed_is_refused(capsys, folder):

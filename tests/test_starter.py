@@ -155,6 +155,18 @@ def test_a_robot_of_links_is_one_thing_on_a_floor(tmp_path):
     assert evaluate_poses(study).maps[0].visible.any(axis=1).all()
 
 
+def test_a_pattern_stands_for_all_its_meshes_wherever_they_lie(tmp_path, monkeypatch):
+    robots.write_links(tmp_path)
+    named = write_starter(tmp_path / "named", sorted(tmp_path.glob("*.off")))
+    by_pattern = write_starter(tmp_path / "pattern", [tmp_path / "*.off"])
+    monkeypatch.chdir(tmp_path)
+    from_here = write_starter(Path("here"), [Path("*.off")])
+    for path in (by_pattern, from_here):
+        assert path.read_text() == named.read_text()
+    with pytest.raises(StudyError, match=r"--model = '\*\.stl' matches no file in \.$"):
+        write_starter(tmp_path / "none", [Path("*.stl")])
+
+
 def test_links_in_frames_of_their_own_are_doubted(tmp_path):
     for name, size in (("a", (1, 1, 4)), ("b", (1, 1, 3)), ("c", (9, 9, 9))):
         vertices, faces = shapes.cube(100.0)
