@@ -145,7 +145,8 @@ ARROWS = {
     "starter_texts": "",
     "starter_layout": "camera scene schema sensor starter_texts units winding",
     "starter_study": "errors scene starter_layout starter_texts units winding",
-    "starter": "errors hints meshpaths starter_meshes starter_texts starter_layout starter_study units",
+    "starter": "errors hints meshpaths starter_meshes starter_texts starter_layout starter_study "
+    "units",
     "cli_options": "",
     "cli_results": "cli_options compare delivery errors explain_words folder placement reading"
     " terminal tolerance tolerance_words",
