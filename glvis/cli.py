@@ -98,6 +98,10 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
         return _fail(f"{error.format_message().rstrip('.')}; {_advice(error)}", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
+    except Exception as error:
+        if type(error).__module__ != "_moderngl":
+            raise
+        return _fail(f"OpenGL ended it: {error}; most often {_TOO_LITTLE}", 1)
     if code == _INTERRUPTED:  # typer makes it of KeyboardInterrupt, without a word
         return _fail("interrupted", code)
     return code if isinstance(code, int) else 0
