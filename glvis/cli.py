@@ -97,9 +97,13 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
             raise
         return _fail(_TOO_LITTLE, 1)
     except _UsageError as error:
-        return _fail(f"{error.format_message().rstrip('.')}; 'glvis --help' tells more", 2)
+        return _fail(f"{error.format_message().rstrip('.')}; {_advice(error)}", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
+    except Exception as error:
+        if type(error).__module__ != "_moderngl":
+            raise
+        return _fail(f"OpenGL ended it: {error}; most often {_TOO_LITTLE}", 1)
     if code == _INTERRUPTED:  # typer makes it of KeyboardInterrupt, without a word
         return _fail("interrupted", code)
     return code if isinstance(code, int) else 0
@@ -110,6 +114,14 @@ def _fail(text: str, code: int) -> int:
 
     sys.stderr.write(f"error: {one_line(text)}\n")
     return code
+
+
+def _advice(error: typer.BadParameter) -> str:
+    """Return what to do about a wrong use of the command line."""
+    command = error.ctx.command_path if error.ctx else "glvis"
+    if command == "glvis init" and "extra argument" in error.message:  # a shell unfolded *.stl
+        return "put --model before each mesh, or quotes about a pattern: --model '*.stl'"
+    return f"'{command} --help' tells more"
 
 
 def _is_text(word: str) -> bool:
@@ -151,7 +163,10 @@ def init(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the study.")],
     model: Annotated[
         list[Path] | None,
-        typer.Option(metavar="MESH", help="What is to be seen: STL, OBJ, PLY ... Many times."),
+        typer.Option(
+            metavar="MESH",
+            help="What is to be seen: STL, OBJ, PLY ... Many times, or a pattern in quotes.",
+        ),
     ] = None,
     unit: Annotated[
         str | None,
@@ -175,7 +190,10 @@ def init(
         typer.Option("--above", help="It stands on a floor: no sensor below its lowest point."),
     ] = False,
     room: Annotated[
-        bool, typer.Option("--room", help="A room: sensors within it, 0.3 m off the walls.")
+        bool,
+        typer.Option(
+            "--room", help="A room: sensors within it, high up, at least 0.3 m off the walls."
+        ),
     ] = False,
     together: Annotated[
         bool | None,

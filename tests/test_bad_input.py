@@ -154,7 +154,7 @@ def test_missing_study_is_named(capsys, tmp_path):
 def test_study_that_is_a_picture_is_refused(capsys, tmp_path):
     (tmp_path / "study.toml").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
     code, line = refused(capsys, "check", tmp_path / "study.toml")
-    assert (code, line.split(": ", 2)[2]) == (2, "is no text in UTF-8 (byte 0)")
+    assert (code, line.split(": ", 2)[2]) == (2, "is no text in UTF-8 (byte 0); save it as UTF-8")
 
 
 @pytest.mark.parametrize(
@@ -185,6 +185,7 @@ def test_wrong_setting_is_named(capsys, folder, setting, fact):
         (["optimize", "STUDY", "-o", "out", "--sed", "1"], "No such option: --sed"),
         (["optimise"], "No such command 'optimise'"),
         (["check"], "Missing argument 'STUDY'"),
+        (["check", "STUDY", "more"], "unexpected extra argument"),
     ],
 )
 def test_wrong_use_of_the_command_line_is_one_line(capsys, folder, monkeypatch, arguments, fact):
@@ -193,7 +194,14 @@ def test_wrong_use_of_the_command_line_is_one_line(capsys, folder, monkeypatch, 
     code, line = refused(capsys, *(study if a == "STUDY" else a for a in arguments))
     assert code == 2
     assert fact in line
-    assert line.endswith("'glvis --help' tells more")
+    command = "glvis" if arguments[0] == "optimise" else f"glvis {arguments[0]}"
+    assert line.endswith(f"'{command} --help' tells more")
+
+
+def test_meshes_that_a_shell_has_unfolded_are_told_how_to_be_named(capsys, folder):
+    code, line = refused(capsys, "init", folder / "new", "--model", "a.stl", "b.stl")
+    assert code == 2
+    assert line.endswith("put --model before each mesh, or quotes about a pattern: --model '*.stl'")
 
 
 def test_negative_seed_is_refused(capsys, folder):
@@ -213,7 +221,9 @@ def test_poses_of_other_sensors_are_refused(capsys, folder):
         capsys, "evaluate", renamed, "-o", folder / "two", "--poses", folder / "out"
     )
     assert code == 2
-    assert line.endswith("result.json: has no pose for 'top'; it has A, B, C")
+    assert line.endswith(
+        "result.json: has no pose for 'top'; it has A, B, C, the study's sensors are A, B, top"
+    )
     assert not (folder / "two").exists()
 
 

@@ -176,7 +176,7 @@ def test_what_is_wrong_with_many_models_is_said_once(warnings_of):
                 "unit = 'm'"
             ),
         ),
-        (1000, "ball: is 1.73e+05 mm across, the sensors reach 400 mm; is unit = 'mm' right?"),
+        (1000, "ball: is 173000 mm across, the sensors reach 400 mm; is unit = 'mm' right?"),
     ],
 )
 def test_a_model_in_another_unit_is_told(warnings_of, scale, message):

@@ -94,6 +94,20 @@ def test_sensors_of_other_names_are_left_out(layouts, tmp_path):
     assert [m[0] for m in sensor_moves(layouts[0].placement, other)] == ["A", "B"]
 
 
+def test_what_only_rounding_moved_has_not_moved(layouts):
+    first = layouts[0].placement
+    poses = first.camera_to_world.copy()
+    poses[:, :3, 3] += 1e-13
+    poses[0, 0, 1] += 1e-15
+    again = Layout("again", replace(first, camera_to_world=poses))
+    assert all(far > 0 for _, far, _ in sensor_moves(first, again.placement))
+    lines = list(comparison_lines([layouts[0], again]))
+    start = next(k for k, line in enumerate(lines) if line.startswith("  sensor  moved"))
+    assert [line.split() for line in lines[start + 1 : start + 4]] == [
+        ["A", "0", "0"], ["B", "0", "0"], ["C", "0", "0"],
+    ]  # fmt: skip
+
+
 def test_only_equal_meshes_are_compared_face_by_face(layouts, tmp_path):
     text = SMALL.replace("[scene]", "[scene]\nscale = 1.5")
     other = Layout("larger", evaluate_poses(load_study(write_small_study(tmp_path, text))))

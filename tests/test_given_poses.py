@@ -109,7 +109,8 @@ def test_quaternions_of_any_length_are_rotations(seed):
         rotation(np.zeros(4))
 
 
-MATRIX = json.dumps(np.eye(4).tolist())
+MATRIX, DOUBLE = (json.dumps((k * np.eye(4)).tolist()) for k in (1, 2))
+OTHERS = f'"B": {MATRIX}, "over the door": {MATRIX}'
 HEAD = "name,x,y,z,qw,qx,qy,qz\n"
 
 
@@ -118,9 +119,14 @@ HEAD = "name,x,y,z,qw,qx,qy,qz\n"
     [
         ("a.json", "{}", "has no pose for 'A'; it has none"),
         ("a.json", f'{{"A": {MATRIX}, "B": {MATRIX}}}', "no pose for 'over the door'; it has A, B"),
+        (
+            "a.json",
+            '{"left": 1, "right": 2}',
+            "for 'A'; it has left, right, the study's sensors are A",
+        ),
         ("a.json", f'{{"A": {MATRIX[:-1]}}}', "is no JSON: Expecting"),
-        ("a.json", f'{{"A": [1, 2], "B": {MATRIX}}}', r"camera_to_world\[0\] = 1 must be a list"),
-        ("a.json", f'{{"A": {MATRIX.replace("1.0", "2.0")}}}', "pose of 'A' is no rigid transform"),
+        ("a.json", f'{{"A": [1, 2], {OTHERS}}}', r"camera_to_world\[0\] = 1 must be a list"),
+        ("a.json", f'{{"A": {DOUBLE}, {OTHERS}}}', "pose of 'A' is no rigid transform"),
         ("a.json", "[1, 2]", "must hold { sensor: 4 x 4 matrix, ... }, or be a result"),
         ("a.json", '{"poses": [3]}', r"its poses are broken: poses\[0\] = 3 must be"),
         ("a.json", "[" * 100_000, "is no JSON: "),

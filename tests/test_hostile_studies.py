@@ -142,9 +142,16 @@ def test_study_made_by_windows_is_read(capsys, folder):
     study = folder / "study.toml"
     study.write_bytes(b"\xef\xbb\xbf" + SMALL.replace("\n", "\r\n").encode())
     assert load_study(study).text.startswith('title = "Two cubes"\n')
-    study.write_text(SMALL.replace('"cube.off"', r"'..\meshes\cube.off'"))
-    line = refused(capsys, "check", study)
-    assert line.endswith(r"models = '..\meshes\cube.off' does not exist; write '/' in place of '\'")
+    for path, fact in {
+        r"'..\meshes\cube.off'": r"models = '..\meshes\cube.off' does not exist",
+        r'"..\tables\new.off"': r"models = '..\tables\new.off' does not exist",  # a tab, a new line
+        r"'..\meshes\*.off'": rf"models = '..\meshes\*.off' matches no file in {folder}",
+        r'"..\meshes\cube.off"': r"is no TOML: Unescaped '\' in a string (at line 5, column 16)",
+        r'"C:\Users\me\cube.off"': r"is no TOML: Invalid hex value (at line 5, column 16)",
+    }.items():
+        study.write_text(SMALL.replace('"cube.off"', path))
+        line = refused(capsys, "check", study)
+        assert line.endswith(rf"{fact}; write '/' in place of '\'")
 
 
 def test_link_to_itself_is_no_mesh(capsys, folder):

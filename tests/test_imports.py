@@ -148,8 +148,8 @@ ARROWS = {
     "starter_texts": "",
     "starter_layout": "camera scene schema sensor starter_texts units winding",
     "starter_study": "errors scene starter_layout starter_texts units winding",
-    "starter": "errors hints json_schema starter_meshes starter_texts starter_layout starter_study"
-    " units",
+    "starter": "errors hints json_schema meshpaths starter_meshes starter_texts starter_layout"
+    " starter_study units",
     "manual": "errors expressions",
     "cli_options": "errors",
     "cli_manual": "errors json_schema keys manual terminal",

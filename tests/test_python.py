@@ -27,6 +27,7 @@ def placement(study):
 
 def test_all_public_names_are_offered_and_there():
     assert set(glvis.__all__) <= set(dir(glvis))
+    assert len(set(dir(glvis))) == len(dir(glvis))
     for name in glvis.__all__:
         assert getattr(glvis, name) is not None
     assert "TYPE_CHECKING" not in dir(glvis) and "import_module" not in dir(glvis)

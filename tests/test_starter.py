@@ -140,13 +140,14 @@ def remarks_of(folder, models, **choices) -> tuple[str, list[str]]:
 
 def test_a_robot_of_links_is_one_thing_on_a_floor(tmp_path):
     path, said = remarks_of(tmp_path / "s", robots.write_links(tmp_path))
-    assert said[1].startswith(
-        "Warning: 1.08 mm across: are these metres (1.08 m)? Taken for metres"
+    assert said[1] == (
+        "Warning: 1.08 mm across: are these metres (1.08 m)? Taken for metres (or: --unit mm)"
     )
     assert "The 6 meshes are taken for one thing together (or: --each)" in said
     assert any(line.startswith("Taken for a thing that stands on a floor") for line in said)
     study = load_study(path)
     assert (study.unit, [model.name for model in study.models]) == ("m", ["assembly"])
+    assert study.title == "base and 5 more, assembled, 4 sensors"
     assert study.models[0].file.n_faces == sum(len(faces) for _, faces in robots.LINKS.values())
     assert study.objective.by_area
     assert study_warnings(study) == []
@@ -154,6 +155,18 @@ def test_a_robot_of_links_is_one_thing_on_a_floor(tmp_path):
     for x in rng.uniform(*study.rig.bounds.T, (200, len(study.variables))):
         assert (study.rig.poses(x)[:, 2, 3] > 0).all()  # nobody below the floor
     assert evaluate_poses(study).maps[0].visible.any(axis=1).all()
+
+
+def test_a_pattern_stands_for_all_its_meshes_wherever_they_lie(tmp_path, monkeypatch):
+    robots.write_links(tmp_path)
+    named = write_starter(tmp_path / "named", sorted(tmp_path.glob("*.off")))
+    by_pattern = write_starter(tmp_path / "pattern", [tmp_path / "*.off"])
+    monkeypatch.chdir(tmp_path)
+    from_here = write_starter(Path("here"), [Path("*.off")])
+    for path in (by_pattern, from_here):
+        assert path.read_text() == named.read_text()
+    with pytest.raises(StudyError, match=r"--model = '\*\.stl' matches no file in \.$"):
+        write_starter(tmp_path / "none", [Path("*.stl")])
 
 
 def test_links_in_frames_of_their_own_are_doubted(tmp_path):

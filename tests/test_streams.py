@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import moderngl
 import pytest
 from studies import SMALL, write_small_study
 
@@ -137,6 +138,18 @@ def test_ctrl_c_while_glvis_is_loaded_is_one_line():
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted\n")
+
+
+def test_what_the_driver_refuses_is_one_line(study, tmp_path, monkeypatch, capsys):
+    def fail(*arguments):
+        raise moderngl.Error("cannot map the buffer")
+
+    monkeypatch.setattr("glvis.optim.placement.evaluate_poses", fail)
+    assert main(["evaluate", str(study), "-o", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err == (
+        "error: OpenGL ended it: cannot map the buffer; "
+        "most often this machine has too little memory for the study\n"
+    )
 
 
 @pytest.mark.parametrize(

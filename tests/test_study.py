@@ -358,7 +358,9 @@ def test_a_study_that_is_no_text_file_says_so(folder):
     with pytest.raises(StudyError, match=r"cannot be read: Is a directory$"):
         load_study(folder)
     (folder / "latin.toml").write_bytes(b'title = "\xfcbung"')
-    with pytest.raises(StudyError, match=r"latin\.toml: is no text in UTF-8 \(byte 9\)$"):
+    with pytest.raises(
+        StudyError, match=r"latin\.toml: is no text in UTF-8 \(byte 9\); save it as UTF-8$"
+    ):
         load_study(folder / "latin.toml")
 
 

@@ -214,7 +214,10 @@ def test_wrong_number_of_mounts_is_named(tmp_path, count):
     path = write_small_study(tmp_path)
     with pytest.raises(StudyError) as error:
         load_study(path, [f"mounts={count}"])
-    fact = "must be a whole number from 1 to 2, the study's mounts"
+    fact = (
+        "must be a whole number from 1 to 2, the study's mounts "
+        "([[mount]] tables; a mirror goes with its mount)"
+    )
     assert str(error.value) == f"{path}: override 'mounts={count}' {fact}"
 
 

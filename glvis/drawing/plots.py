@@ -56,7 +56,14 @@ def write_convergence(
     marker = "o" if len(trace) < 25 else None
     axes.plot(evaluations, best, color=blue, lw=2.2, marker=marker, ms=4, label="best so far")
     axes.plot(
-        evaluations, mean, color=orange, lw=1.4, ls="--", marker=marker, ms=3, label="swarm mean"
+        evaluations,
+        mean,
+        color=orange,
+        lw=1.4,
+        ls="--",
+        marker=marker,
+        ms=3,
+        label="mean of each iteration",
     )
     if start_value is not None and math.isfinite(start_value):
         axes.axhline(start_value, color="0.35", lw=1.2, ls=":", label=f"start: {start_value:.4g}")

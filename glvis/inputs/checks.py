@@ -15,7 +15,14 @@ from glvis.camera import rigid_inverse
 from glvis.inputs.mounts import Array
 from glvis.inputs.scene import Model
 from glvis.inputs.study import Study
-from glvis.inputs.units import MM_PER_UNIT, guess_words, mm_per_own_unit, own_scale, unit_guess
+from glvis.inputs.units import (
+    MM_PER_UNIT,
+    guess_words,
+    mm_per_own_unit,
+    own_scale,
+    short,
+    unit_guess,
+)
 from glvis.inputs.winding import Winding, is_in_solid, winding
 from glvis.sight.filters import may_pass
 from glvis.sight.points import corners_in_camera
@@ -78,7 +85,7 @@ def size_doubts(study: Study) -> list[str]:
     for model in study.models:
         size = float(np.linalg.norm(model.bounds[1] - model.bounds[0]))
         guess = unit_guess(size, study.unit)
-        words = f"is {size:.3g} {study.unit} across; {guess_words(size, guess)}"
+        words = f"is {short(size)} {study.unit} across; {guess_words(size, guess)}"
         if guess and _is_in_reach(size, study):  # else ``study_warnings`` says so
             found += _told("size", model, f"{words} {_remedy(model, guess, study.unit)}")
     return said_once(found)
@@ -168,7 +175,7 @@ def _distance(model: Model, poses: Array, study: Study) -> str:
     if not _is_in_reach(size, study):
         reach = max(sensor.max_distance for sensor in study.sensors)
         return (
-            f"is {size:.3g} {study.unit} across, the sensors reach {reach:.3g} {study.unit}; "
+            f"is {short(size)} {study.unit} across, the sensors reach {short(reach)} {study.unit}; "
             f"{doubt}"
         )
     points = model.vertices[:: -(-len(model.vertices) // _SAMPLE)]

@@ -25,11 +25,14 @@ from numpy.typing import NDArray
 from glvis.inputs.complaints import shortened
 
 DEEPEST = 40  # tables or lists in each other; a study needs six
+WITHOUT_BACKSLASH = "write '/' in place of '\\'"  # of paths that Windows wrote
 MOST_TOML = 300_000  # letters; five hundred mounts, and our longest study has 5,000
 _MB = 1_000_000
 # A dotted key at the beginning of a line, table or entry.
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _DEEP_KEY = re.compile(rf"""(?m)(?:^|[\[{{,])[ \t]*+(?:{_PART}\.[ \t]*+){{{DEEPEST}}}""")
+# What the reader of TOML says of "C:\parts" and of "C:\Users".
+_BACKSLASH = re.compile(r"Unescaped '\\'|hex value")
 # Letters that would break a line, and halves of letters, which stand for bytes that are no UTF-8.
 _BREAKS = {"Cc", "Cs", "Zl", "Zp"}
 _HEADERS = {
@@ -91,7 +94,8 @@ def toml_tables(text: str) -> dict[str, Any]:
         found = tomllib.loads(text)
         check_depth(found)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"is no TOML: {shortened(str(error), 200)}") from None
+        advice = f"; {WITHOUT_BACKSLASH}" if _BACKSLASH.search(str(error)) else ""
+        raise ValueError(f"is no TOML: {shortened(str(error), 200)}{advice}") from None
     except RecursionError:
         raise ValueError("is no TOML: nested too deeply") from None
     return found

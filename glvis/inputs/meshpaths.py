@@ -10,7 +10,7 @@ from pathlib import Path
 
 from glvis.errors import StudyError
 from glvis.inputs.complaints import shortened
-from glvis.inputs.files import is_one_line, is_unicode, printable
+from glvis.inputs.files import WITHOUT_BACKSLASH, is_one_line, is_unicode, printable
 
 _MOST_LOOKED_AT = 100_000  # files and folders that patterns of a study may lead through
 _MAGIC = frozenset("*?[")
@@ -39,15 +39,18 @@ def mesh_paths(patterns: Sequence[str], folder: Path, key: str) -> list[Path]:
     for pattern in patterns:
         plain = folder / pattern
         if _is_file(plain, key) or not _MAGIC & {*pattern}:
-            if "\\" in pattern and not plain.exists():
+            if (advice := _advice(pattern)) and not plain.exists():
                 raise StudyError(
-                    f"{key} = '{shortened(pattern)}' does not exist; write '/' in place of '\\'"
+                    f"{key} = '{shortened(printable(pattern))}' does not exist{advice}"
                 )
             found.append(plain)
             continue
         matches = sorted(_Walk(pattern).files(folder), key=str)
         if not matches:
-            raise StudyError(f"{key} = '{shortened(pattern)}' matches no file in {folder}")
+            raise StudyError(
+                f"{key} = '{shortened(printable(pattern))}' matches no file in {folder}"
+                f"{_advice(pattern)}"
+            )
         found += matches
     for path in found:
         if not is_unicode(str(path)):
@@ -88,6 +91,11 @@ def check_names(models: Sequence[Path], obstacles: Sequence[Path]) -> None:
     for file in obstacles:
         if real[file] in files:
             raise StudyError(f"{file.name} is both a model and an obstacle")
+
+
+def _advice(pattern: str) -> str:
+    """Return what to do about a path as Windows writes it, or as TOML read its backslashes."""
+    return f"; {WITHOUT_BACKSLASH}" if "\\" in pattern or not is_one_line(pattern) else ""
 
 
 def _is_file(path: Path, key: str) -> bool:

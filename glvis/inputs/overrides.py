@@ -115,7 +115,10 @@ def _beyond(count: Any, data: dict[str, Any]) -> Iterator[tuple[str | int, ...]]
     if not isinstance(mounts, list) or not isinstance(variables, dict):
         raise StudyError("finds no list of mounts")
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(mounts):
-        raise StudyError(f"must be a whole number from 1 to {len(mounts)}, the study's mounts")
+        raise StudyError(
+            f"must be a whole number from 1 to {len(mounts)}, the study's mounts "
+            "([[mount]] tables; a mirror goes with its mount)"
+        )
     for place in reversed(range(count, len(mounts))):  # from the end: the others keep theirs
         yield "mount", place
     still = _used(mounts[:count], variables)

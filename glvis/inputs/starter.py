@@ -8,6 +8,7 @@ from pathlib import Path
 from glvis.errors import MachineError, StudyError
 from glvis.hints import command
 from glvis.inputs.json_schema import DIRECTIVE, SCHEMA_FILE, schema_text
+from glvis.inputs.meshpaths import mesh_paths
 from glvis.inputs.starter_layout import KNOWN_SENSORS, PLACES, short
 from glvis.inputs.starter_meshes import ROOM, arm, room, write_stl
 from glvis.inputs.starter_study import ALL_GUESSED, Choices, study_of_meshes
@@ -44,7 +45,7 @@ def write_starter(
     directory : Path
         Made where it is missing; a study that is there is never replaced.
     models : sequence of Path
-        Meshes to be seen; without them an example is made.
+        Meshes to be seen, or patterns of their names; without them an example is made.
     example : str, optional
         "arm", "kitchen" or "room"; "arm" if there are no models.
     choices : Choices
@@ -55,7 +56,7 @@ def write_starter(
     Raises
     ------
     StudyError
-        If a choice is none, a mesh cannot be read, or there is a study already.
+        If a choice is none, a mesh is missing or cannot be read, or there is a study already.
     MachineError
         If the folder cannot be written to.
     """
@@ -73,7 +74,8 @@ def write_starter(
         raise StudyError(f"{path}: is there already; choose another folder")
     triangles, mesh_name = None, example or "arm"
     if models:
-        text = study_of_meshes(models, directory, choices, on_remark)
+        files = mesh_paths([str(model) for model in models], Path(), "--model")
+        text = study_of_meshes(files, directory, choices, on_remark)
     elif mesh_name == "arm":
         text, triangles = ARM_TEXT, arm()
     else:

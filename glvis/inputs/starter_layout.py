@@ -17,7 +17,7 @@ from glvis.inputs.scene import Model
 from glvis.inputs.schema import catalogue
 from glvis.inputs.sensor import CATALOGUE, Sensor
 from glvis.inputs.starter_texts import BOX_MOUNT_TEXT, RING_MOUNT_TEXT
-from glvis.inputs.units import MM_PER_UNIT
+from glvis.inputs.units import MM_PER_UNIT, short, trimmed
 from glvis.inputs.winding import looks_inwards, winding_numbers
 
 Floats = NDArray[np.float64]
@@ -290,17 +290,4 @@ def _free(low: float, high: float, start: float, size: float) -> str:
 def number(value: float, size: float) -> str:
     """Return a coordinate in a thing of some size, to a thousandth of that or finer."""
     digits = 3 - math.floor(math.log10(size)) if size > 0 else 3
-    return _trimmed(round(value, digits) + 0.0, digits)
-
-
-def short(value: float) -> str:
-    """Return a number with three digits, in full."""
-    if value == 0 or not math.isfinite(value):
-        return "0"
-    digits = 2 - math.floor(math.log10(abs(value)))
-    return _trimmed(round(value, digits), digits)
-
-
-def _trimmed(value: float, digits: int) -> str:
-    text = f"{value:.{max(0, digits)}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    return trimmed(round(value, digits) + 0.0, digits)

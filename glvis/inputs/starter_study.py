@@ -21,7 +21,6 @@ from glvis.inputs.starter_layout import (
     part_mounts,
     room_mounts,
     sensor_for_room,
-    short,
 )
 from glvis.inputs.starter_texts import AREA_TEXT, MESH_TEXT, WHERE_TEXTS, search_table
 from glvis.inputs.units import (
@@ -31,6 +30,7 @@ from glvis.inputs.units import (
     mm_per_own_unit,
     own_scale,
     own_up,
+    short,
     unit_guess,
     unit_words,
 )
@@ -130,7 +130,7 @@ def study_of_meshes(
     ):
         on_remark(line)
     return MESH_TEXT.format(
-        title=f"{files[0].stem}{', assembled' if is_one else ''}, {n} sensors",
+        title=f"{_listed(meshes)}{', assembled' if is_one else ''}, {n} sensors",
         unit=unit,
         up=[int(value) for value in UPS[up]],
         models=", ".join(f'"{name}"' for name in _names(files, directory)),
@@ -181,7 +181,7 @@ def _doubts(whole: Model, doubted: str, guess: Sequence[str], taken: str) -> Ite
         yield f"{question} The file says its unit; [scene] scale = ... corrects it"
     else:
         others = " or ".join(f"--unit {unit}" for unit in (*guess[1:], doubted))
-        yield f"{question} Taken for {unit_words(taken)}, as --unit {taken} says (or: {others})"
+        yield f"{question} Taken for {unit_words(taken)} (or: {others})"
 
 
 def _remarks_of_several(meshes: Sequence[Model], is_one: bool) -> Iterator[str]:

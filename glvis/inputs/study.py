@@ -235,7 +235,7 @@ def _read_text(path: Path) -> str:
     except FileNotFoundError:
         raise StudyError("does not exist") from None
     except UnicodeDecodeError as error:
-        raise StudyError(f"is no text in UTF-8 (byte {error.start})") from None
+        raise StudyError(f"is no text in UTF-8 (byte {error.start}); save it as UTF-8") from None
     except OSError as error:
         raise StudyError(f"cannot be read: {error.strerror}") from None
 

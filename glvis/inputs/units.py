@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import zipfile
 from collections.abc import Sequence
@@ -80,9 +81,23 @@ def unit_words(unit: str) -> str:
     return _LIKELY_UNITS[unit]
 
 
+def short(value: float) -> str:
+    """Return a number with three digits, in full: "2000", "0.00173"."""
+    if value == 0 or not math.isfinite(value):
+        return "0"
+    digits = 2 - math.floor(math.log10(abs(value)))
+    return trimmed(round(value, digits), digits)
+
+
+def trimmed(value: float, digits: int) -> str:
+    """Return a number with at most so many decimals, none of them a zero at the end."""
+    text = f"{value:.{max(0, digits)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def _length(millimetres: float) -> str:
     metres = millimetres / 1000
-    return f"{metres:.3g} m" if millimetres > 999 else f"{millimetres:.3g} mm"
+    return f"{short(metres)} m" if millimetres > 999 else f"{short(millimetres)} mm"
 
 
 def _mm_per_3mf_unit(path: Path) -> float:

@@ -175,7 +175,10 @@ def comparison_lines(layouts: Sequence[Layout]) -> Iterator[str]:
             yield f"Sensors of {other.name} against those of {first.name}"
             yield from table(
                 ("sensor", f"moved [{unit}]", "turned [deg]"),
-                [(name, f"{far:.4g}", f"{turn:.3g}") for name, far, turn in moved],
+                [
+                    (name, f"{round(far, 6):.4g}", f"{round(turn, 4):.3g}")
+                    for name, far, turn in moved
+                ],
             )
     if not models:
         yield ""

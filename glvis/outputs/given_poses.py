@@ -22,7 +22,7 @@ from glvis.inputs.schema import MM_PER_UNIT
 from glvis.inputs.study import Study
 from glvis.outputs.folder import INDEX, read_index
 from glvis.outputs.indexes import PosesIndex
-from glvis.outputs.reading import poses_of
+from glvis.outputs.reading import check_sensors, poses_of
 from glvis.outputs.rotations import OPTICAL, Floats, rotation
 
 _MOST = 64_000_000  # bytes
@@ -61,7 +61,7 @@ def read_given_poses(path: str | Path, study: Study) -> Floats:
     except FileNotFoundError:
         raise StudyError(f"{path}: does not exist") from None
     except UnicodeDecodeError:
-        raise StudyError(f"{path}: is no text in UTF-8") from None
+        raise StudyError(f"{path}: is no text in UTF-8; save it as UTF-8") from None
     except OSError as error:
         raise StudyError(f"{path}: cannot be read: {error.strerror}") from None
     except StudyError as error:
@@ -76,12 +76,9 @@ def _from_json(text: str, study: Study) -> Mapping[str, Any]:
         raise StudyError(f"must hold {{ sensor: 4 x 4 matrix, ... }}, or be {_KINDS}")
     if "poses" in found:
         return found
+    check_sensors(found, study.sensor_names)
     return {
-        "poses": [
-            {"name": name, "camera_to_world": pose}
-            for name, pose in found.items()
-            if name in study.sensor_names
-        ]
+        "poses": [{"name": name, "camera_to_world": found[name]} for name in study.sensor_names]
     }
 
 

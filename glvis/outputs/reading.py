@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -144,11 +144,9 @@ def poses_of(entries: Sequence[PoseEntry], sensor_names: Sequence[str]) -> NDArr
         If a sensor is not among them, or a pose is no rigid transform.
     """
     found = {entry.name: entry.camera_to_world for entry in entries}
+    check_sensors(found, sensor_names)
     poses = np.zeros((len(sensor_names), 4, 4))
     for s, name in enumerate(sensor_names):
-        if name not in found:
-            has = shortened(", ".join(found) or "none")
-            raise StudyError(f"has no pose for '{shortened(name)}'; it has {has}")
         pose = np.array(found[name], dtype=float)
         rotation = pose[:3, :3]
         is_rigid = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
@@ -156,6 +154,26 @@ def poses_of(entries: Sequence[PoseEntry], sensor_names: Sequence[str]) -> NDArr
             raise StudyError(f"the pose of '{name}' is no rigid transform")
         poses[s] = pose
     return poses
+
+
+def check_sensors(found: Collection[str], wanted: Sequence[str]) -> None:
+    """Refuse poses by names that lack one of the wanted sensors.
+
+    Raises
+    ------
+    StudyError
+        The first that is missing, what there is, and all that is wanted.
+    """
+    for name in wanted:
+        if name not in found:
+            raise StudyError(
+                f"has no pose for '{shortened(name)}'; it has {_listed(found)}, "
+                f"the study's sensors are {_listed(wanted)}"
+            )
+
+
+def _listed(names: Collection[str]) -> str:
+    return shortened(", ".join(names) or "none")
 
 
 def _read_maps(path: Path, study: Study) -> tuple[VisibilityMap, ...]:

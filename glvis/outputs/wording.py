@@ -165,8 +165,9 @@ def cost_lines(cost: Cost, workers: int) -> Iterator[str]:
     gl = cost.gl
     yield f"OpenGL: {gl.renderer}, {gl.version} ({gl.vendor}, by {gl.backend})"
     yield (
-        f"One evaluation ({cost.maps} maps): {1000 * cost.evaluation_seconds:,.1f} ms in one "
-        f"process, the median of {cost.samples} random positions"
+        f"One evaluation ({cost.maps} map{'s' * (cost.maps > 1)}): "
+        f"{1000 * cost.evaluation_seconds:,.1f} ms in one process, the median of {cost.samples} "
+        f"random position{'s' * (cost.samples > 1)}"
     )
     if cost.run_maps:
         yield (
