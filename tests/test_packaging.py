@@ -118,7 +118,7 @@ def test_nobody_is_told_to_install_glvis_from_an_index():
     assert [str(path) for path, text in texts.items() if told.search(text)] == []
 
 
-@pytest.mark.parametrize("extra", ["cluster", "bench"])
+@pytest.mark.parametrize("extra", ["bench", "cluster"])
 def test_what_is_missing_is_installed_from_the_checkout_or_a_wheel(extra):
     told = installed_by(extra)
     assert f'pip install ".[{extra}]" in the checkout' in told

@@ -68,7 +68,7 @@ def _search_separable(problem: Problem, start: Run) -> Script:
                 run = yield from _try_restart(problem, run, next(blocks), found)
             runs[number] = run
         found += [x for x, _ in runs]
-        runs = _take_best(runs, len(runs) // 2)
+        runs = _keep_best(runs, len(runs) // 2)
         runs[0] = yield from _recombine(problem, runs[0], found)
     run = runs[0]
     end = options.restart_share * problem.max_maps
@@ -93,16 +93,16 @@ def _search_coupled(problem: Problem, start: Run) -> Script:
     enough = [
         r for r in range(options.halvings + 1) if left >= r * 2**r * options.passes * one_pass
     ]
-    runs = _take_best([start, *layouts], 2 ** max(enough, default=0))
+    runs = _keep_best([start, *layouts], 2 ** max(enough, default=0))
     rounds = len(runs).bit_length() - 1
     for _ in range(rounds):
         for number, run in enumerate(runs):
             runs[number] = yield from search_locally(problem, *run, int(left / rounds / len(runs)))
-        runs = _take_best(runs, len(runs) // 2)
+        runs = _keep_best(runs, len(runs) // 2)
     yield from search_locally(problem, *runs[0])
 
 
-def _take_best(runs: list[Run], n: int) -> list[Run]:
+def _keep_best(runs: list[Run], n: int) -> list[Run]:
     """Return the ``n`` best runs, best first."""
     return sorted(runs, key=lambda run: -run[1])[:n]
 
@@ -119,7 +119,7 @@ def _make_starts(problem: Problem, start: Run) -> Script:
         options.rounds,
         options.candidates,
     )
-    return _take_best([start, *zip(layouts, values.tolist(), strict=True), *others], starts)
+    return _keep_best([start, *zip(layouts, values.tolist(), strict=True), *others], starts)
 
 
 def _make_surrogate_layouts(problem: Problem, share: float, rounds: int, candidates: int) -> Script:

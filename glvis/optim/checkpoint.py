@@ -160,7 +160,7 @@ def _bytes(arrays: Mapping[str, NDArray[Any]], name: str, ndim: int) -> NDArray[
 
 def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     """Yield in words what differs between two identities."""
-    old, new = (_flat(toml_tables(identity["study"])) for identity in (then, now))
+    old, new = (_flatten(toml_tables(identity["study"])) for identity in (then, now))
     for key in dict.fromkeys([*old, *new]):
         before, after = old.get(key, _NOTHING), new.get(key, _NOTHING)
         if before != after and not key.startswith(_FREE):
@@ -176,7 +176,7 @@ def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
             yield f"mesh {shortened(name)}: other vertices or faces than before"
 
 
-def _flat(table: Any, above: str = "") -> dict[str, str]:
+def _flatten(table: Any, above: str = "") -> dict[str, str]:
     """Return the values of nested tables by dotted key, as JSON; mounts go by their names."""
     if isinstance(table, dict):
         entries = list(table.items())
@@ -186,7 +186,7 @@ def _flat(table: Any, above: str = "") -> dict[str, str]:
         return {above: json.dumps(table, ensure_ascii=False, default=str)}
     flat: dict[str, str] = {}
     for key, value in entries:
-        flat |= _flat(value, f"{above}.{key}" if above else str(key))
+        flat |= _flatten(value, f"{above}.{key}" if above else str(key))
     return flat
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 TIMEOUT_SILENCE = 600.0
 TIMEOUT_FIRST = 60.0  # seconds to wait for a first worker, where nothing is lost yet
 _TO_CONNECT = 10.0  # seconds
-_TICK = 1.0  # seconds between looks at who is there
+_TICK = 1.0  # seconds between updates of the workers that are there
 # Poses a task: so many that what dask spends on a task is small beside its maps (measured by
 # tools/bench_cluster), so few that they share out evenly; the least number for one model.
 _MOST_ON_CPU, _MOST_ON_GPU, _LEAST = 128, 256, 16
@@ -92,8 +92,8 @@ class ClusterMaps:
         self.address, self.workers = address, 0
         self.names: Sequence[str] = ()
         self.warnings: list[str] = []
-        self._distributed, self._remote = _imported()
-        self._silence_timeout, self._timeout = first_timeout, timeout
+        self._distributed, self._remote = _import_dask()
+        self._most_silence, self._timeout = first_timeout, timeout
         self._slowest = 0.0  # seconds a pose
         self._warm: set[str] = set()  # addresses of workers that have answered
         self._hung: set[str] = set()  # of those that are given no more
@@ -103,20 +103,20 @@ class ClusterMaps:
         self._run, self._number = uuid4().hex, count()  # names of tasks, no two the same
         self._least = -(-_LEAST // len(scene.models))
         self._scene = ""  # its name on the workers
-        self._client = self._connected()
+        self._client = self._connect()
         try:
             self._check_versions()
-            for orphan in self._asked(partial(self._client.run_on_scheduler, self._remote.orphans)):
+            for orphan in self._ask(partial(self._client.run_on_scheduler, self._remote.orphans)):
                 self._free(orphan)
             there = self._remote.SceneThere(scene, self._client.id)
             self._scene = there.name
-            self._asked(partial(self._client.register_plugin, there), all_workers=True)
-            self._look_round()
+            self._ask(partial(self._client.register_plugin, there), all_workers=True)
+            self._update_workers()
             while not self._crew:
                 self._check_silence()
                 time.sleep(_TICK / 10)
-                self._look_round()
-            self._silence_timeout = silence_timeout
+                self._update_workers()
+            self._most_silence = silence_timeout
             ((_, self.gl, _, _),) = next(self._answers([None])).values()
         except BaseException:
             self.release()
@@ -128,8 +128,8 @@ class ClusterMaps:
         Raises
         ------
         MachineError
-            If the scheduler is lost, nobody answers for long, versions differ, or several workers
-            die over the same maps. What else a worker raises is raised here.
+            If the scheduler is lost, no worker answers for long, versions differ, or several
+            workers die over the same maps. What else a worker raises is raised here.
         """
         most = _MOST_ON_CPU if self.gl.is_software else _MOST_ON_GPU
         parts, spans = share_out(jobs, max(1, len(self._crew)), self._least, most)
@@ -154,16 +154,16 @@ class ClusterMaps:
             self._client.close()
 
     def _free(self, scene: str) -> None:
-        """Let workers forget a scene; those that cannot be told now, the next client tells."""
+        """Let workers forget a scene; what does not reach them now, the next client sends."""
         with suppress(OSError, ValueError, self._distributed.CancelledError):
             forget = partial(self._client.unregister_worker_plugin, scene)
             self._client.sync(forget, callback_timeout=_TO_CONNECT)
 
-    def _connected(self) -> Any:
+    def _connect(self) -> Any:
         try:
             return self._distributed.Client(
                 self.address,
-                timeout=min(self._silence_timeout, _TO_CONNECT),
+                timeout=min(self._most_silence, _TO_CONNECT),
                 set_as_default=False,
                 name="glvis",
             )
@@ -174,20 +174,20 @@ class ClusterMaps:
 
     def _check_versions(self) -> None:
         """Refuse workers, and a scheduler, that have other packages than this process."""
-        found = self._asked(
+        found = self._ask(
             partial(self._client.get_versions, packages=[self._remote.DISTRIBUTION]),
             all_workers=True,
         )
         ours = {name: found["client"]["packages"][name] for name in self._remote.VERSIONS}
-        everybody = {"the scheduler": found["scheduler"]} | {
+        versions = {"the scheduler": found["scheduler"]} | {
             f"worker {worker}": there for worker, there in found["workers"].items()
         }
-        for who, there in everybody.items():
+        for who, there in versions.items():
             self._remote.compare_versions(who, there["packages"], ours)
 
-    def _look_round(self) -> None:
-        """Take down who came, and who is gone."""
-        info = self._asked(partial(self._client.scheduler_info, n_workers=-1)).get("workers")
+    def _update_workers(self) -> None:
+        """Note which workers came, and which are gone."""
+        info = self._ask(partial(self._client.scheduler_info, n_workers=-1)).get("workers")
         if info is None:  # dask has given up the connection
             raise self._lost()
         for address, name in self._crew.items():
@@ -209,11 +209,11 @@ class ClusterMaps:
 
     def _answers(self, jobs: Sequence[MapJob | None]) -> Iterator[dict[int, Answer]]:
         """Yield the answers to jobs as they come, by their number."""
-        call = _Call(jobs)
+        call = _Batch(jobs)
         self._submit(call, list(call.jobs))
         self._heard = time.monotonic()
         while call.jobs:
-            answers = self._gathered(call, self._ready(call))
+            answers = self._gather(call, self._ready(call))
             self._heard = time.monotonic()
             for number, (worker, _, bits, seconds) in answers.items():
                 del call.jobs[number]
@@ -222,10 +222,10 @@ class ClusterMaps:
                 if len(bits):
                     self._slowest = max(self._slowest, seconds / len(bits))
             if not call.jobs:  # who was lost on the way is a warning of this call
-                self._look_round()
+                self._update_workers()
             yield answers
 
-    def _submit(self, call: _Call, numbers: Sequence[int]) -> None:
+    def _submit(self, call: _Batch, numbers: Sequence[int]) -> None:
         """Give jobs of a call to the cluster, to workers that do not hang if there are any."""
         keys = [(f"glvis-maps-{self._run}", next(self._number)) for _ in numbers]
         able = sorted(self._crew.keys() - self._hung) or None
@@ -240,11 +240,11 @@ class ClusterMaps:
             versions=self._remote.VERSIONS,
             pure=False,
         )
-        for number, future in zip(numbers, self._asked(submit), strict=True):
+        for number, future in zip(numbers, self._ask(submit), strict=True):
             call.futures[number] = future
             future.add_done_callback(lambda one, number=number: call.done.put((number, one)))
 
-    def _ready(self, call: _Call) -> dict[int, Any]:
+    def _ready(self, call: _Batch) -> dict[int, Any]:
         """Wait for answers; return their futures by number."""
         while True:
             with suppress(Empty):
@@ -254,17 +254,17 @@ class ClusterMaps:
                 if ready := {number: one for number, one in found if number in call.jobs}:
                     return ready
                 continue
-            self._look_round()
-            self._help(call)
+            self._update_workers()
+            self._relieve_hung(call)
             self._check_silence()
 
-    def _help(self, call: _Call) -> None:
+    def _relieve_hung(self, call: _Batch) -> None:
         """Let others make what a worker has held for too long, and give it no more.
 
-        Silence is measured where nobody answers: while others do, it holds nothing up.
+        Silence is measured where none answers: while others do, it holds nothing up.
         """
         now = time.monotonic()
-        holds = self._holds(call)
+        holds = self._held_jobs(call)
         call.since = {address: call.since.get(address, now) for address in holds}
         for address, numbers in holds.items():
             poses = sum(len(call.jobs[number] or ()) for number in numbers)
@@ -272,18 +272,18 @@ class ClusterMaps:
             waited = now - call.since[address]
             if waited < job_timeout(poses, slowest, self._timeout):
                 continue
-            self._do_without(call, address, numbers, waited)
+            self._exclude(call, address, numbers, waited)
 
-    def _holds(self, call: _Call) -> dict[str, list[int]]:
+    def _held_jobs(self, call: _Batch) -> dict[str, list[int]]:
         """Return the jobs without an answer that each worker holds, by address."""
         number_of = {future.key: number for number, future in call.futures.items()}
         return {
             address: mine
-            for address, keys in self._asked(self._client.processing).items()
+            for address, keys in self._ask(self._client.processing).items()
             if (mine := [n for key in keys if (n := number_of.get(key)) in call.jobs])
         }
 
-    def _do_without(self, call: _Call, address: str, numbers: Sequence[int], waited: float) -> bool:
+    def _exclude(self, call: _Batch, address: str, numbers: Sequence[int], waited: float) -> bool:
         """Give a worker no more, and its jobs to others; return False where there are none."""
         if not self._crew.keys() - self._hung - {address}:
             return False
@@ -297,14 +297,14 @@ class ClusterMaps:
         self._heard = time.monotonic()
         return True
 
-    def _gathered(self, call: _Call, ready: dict[int, Any]) -> dict[int, Answer]:
+    def _gather(self, call: _Batch, ready: dict[int, Any]) -> dict[int, Answer]:
         """Return answers that are ready, without those of a worker that hangs with them made."""
         began = time.monotonic()
         try:
-            return self._fetched(ready, min(self._silence_timeout, self._timeout))
+            return self._fetch(ready, min(self._most_silence, self._timeout))
         except TimeoutError:
-            self._look_round()
-        holders = self._asked(partial(self._client.who_has, list(ready.values())))
+            self._update_workers()
+        holders = self._ask(partial(self._client.who_has, list(ready.values())))
         by_holder: dict[str, dict[int, Any]] = {}
         for number, future in ready.items():
             by_holder.setdefault(next(iter(holders[future.key]), ""), {})[number] = future
@@ -312,17 +312,17 @@ class ClusterMaps:
         for address, theirs in by_holder.items():
             with suppress(TimeoutError):
                 if len(by_holder) > 1:  # else it is known to hang
-                    answers |= self._fetched(theirs, min(self._timeout, _TO_CONNECT))
+                    answers |= self._fetch(theirs, min(self._timeout, _TO_CONNECT))
                     continue
-            numbers = [*theirs, *self._holds(call).get(address, ())]
-            if not self._do_without(call, address, numbers, time.monotonic() - began):
-                try:  # nobody else is there
-                    answers |= self._fetched(theirs, self._silence_timeout)
+            numbers = [*theirs, *self._held_jobs(call).get(address, ())]
+            if not self._exclude(call, address, numbers, time.monotonic() - began):
+                try:  # no other worker is there
+                    answers |= self._fetch(theirs, self._most_silence)
                 except TimeoutError as error:
                     raise self._silence() from error
         return answers
 
-    def _fetched(self, ready: dict[int, Any], timeout: float) -> dict[int, Answer]:
+    def _fetch(self, ready: dict[int, Any], timeout: float) -> dict[int, Answer]:
         """Return what futures hold, by number, or raise TimeoutError after so many seconds.
 
         What was lost on its way dask makes again.
@@ -345,16 +345,15 @@ class ClusterMaps:
                 raise
             raise self._lost() from error
 
-    def _asked(self, question: Callable[[], Any], *, all_workers: bool = False) -> Any:
+    def _ask(self, question: Callable[[], Any], *, all_workers: bool = False) -> Any:
         """Return an answer from the scheduler, or from all workers, any of which may hang."""
         try:
             if all_workers:
-                return self._client.sync(question, callback_timeout=self._silence_timeout)
+                return self._client.sync(question, callback_timeout=self._most_silence)
             return question()
         except TimeoutError as error:
             raise MachineError(
-                f"{self.address}: a worker does not answer for {self._silence_timeout:.3g} s; "
-                "end it"
+                f"{self.address}: a worker does not answer for {self._most_silence:.3g} s; end it"
             ) from error
         except (OSError, self._distributed.CancelledError) as error:
             raise self._lost() from error
@@ -363,7 +362,7 @@ class ClusterMaps:
         return MachineError(f"the dask scheduler at {self.address} was lost")
 
     def _check_silence(self) -> None:
-        if time.monotonic() - self._heard >= self._silence_timeout:
+        if time.monotonic() - self._heard >= self._most_silence:
             raise self._silence()
 
     def _silence(self) -> MachineError:
@@ -374,7 +373,7 @@ class ClusterMaps:
         )
 
 
-class _Call:
+class _Batch:
     """Jobs that wait for an answer, and how it will come."""
 
     def __init__(self, jobs: Sequence[MapJob | None]) -> None:
@@ -384,7 +383,7 @@ class _Call:
         self.since: dict[str, float] = {}  # when workers were seen to hold jobs without an answer
 
 
-def _imported() -> tuple[Any, Any]:
+def _import_dask() -> tuple[Any, Any]:
     try:
         import distributed
 

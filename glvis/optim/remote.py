@@ -57,9 +57,9 @@ class SceneThere(WorkerPlugin):
 
     def draw(self, job: MapJob | None) -> tuple[GlInfo, Bits]:
         """Return the OpenGL driver, and the maps of a job if there is one."""
-        return _thread.submit(self._drawn, job).result()
+        return _thread.submit(self._draw, job).result()
 
-    def _drawn(self, job: MapJob | None) -> tuple[GlInfo, Bits]:
+    def _draw(self, job: MapJob | None) -> tuple[GlInfo, Bits]:
         self._maps = self._maps or LocalMaps(self._scene)
         bits = next(self._maps.make([job])) if job is not None else np.zeros((0, 0), np.uint8)
         return self._maps.gl, bits
