@@ -176,6 +176,13 @@ def look_at(
            [  0.,   0.,   0.,   1.]])
     """
     position, target = np.asarray(position, dtype=float), np.asarray(target, dtype=float)
+    for name, points in (("position", position), ("target", target)):
+        if points.shape[-1:] != (3,) or not np.isfinite(points).all():
+            raise ValueError(f"{name} must be finite and of shape (..., 3), got {points.shape}")
+    if not np.isfinite(roll_deg).all():
+        raise ValueError("roll_deg must be finite")
+    if (position == target).all(axis=-1).any():
+        raise ValueError("target must not be where the camera stands")
     return camera_to_world(position, target - position, np.radians(roll_deg), up)
 
 

@@ -53,8 +53,58 @@ def test_options_are_those_of_a_study():
     assert glvis.visible_faces(plate, pose, CAMERA, options=options).all()
 
 
-def test_no_pose_gives_no_row():
-    assert glvis.visible_faces(shapes.plate(1), np.zeros((0, 4, 4)), CAMERA).shape == (0, 2)
+@pytest.mark.parametrize(
+    "options",
+    [
+        None,
+        glvis.VisibilityOptions(resolution="sensor"),
+        glvis.VisibilityOptions(criterion="centroid", occlusion="paper"),
+        glvis.VisibilityOptions.paper(),
+    ],
+)
+def test_no_pose_gives_no_row(options):
+    none = np.zeros((0, 4, 4))
+    assert glvis.visible_faces(shapes.plate(1), none, CAMERA, options=options).shape == (0, 2)
+
+
+def test_by_axis_a_level_camera_sees_the_floor_up_to_90_degrees():
+    """The normal is square to the axis: rounding of pi / 2 decided."""
+    floor = shapes.plate(3, center=(0, 0, 0))
+    pose = glvis.look_at([0, -5, 1], [0, 0, 1])
+    for resolution in ("auto", "sensor"):
+        options = glvis.VisibilityOptions(incidence="axis", resolution=resolution)
+        assert glvis.visible_faces(floor, pose, CAMERA, options=options).all()
+
+
+@pytest.mark.parametrize("obstacles", ["fixture.stl", trimesh.creation.box(), None])
+def test_obstacles_that_are_no_sequence_are_refused(obstacles):
+    with pytest.raises(ValueError, match="obstacles must be a sequence"):
+        glvis.visible_faces(shapes.plate(1), np.eye(4), CAMERA, obstacles)
+
+
+@pytest.mark.parametrize(
+    ("call", "fact"),
+    [
+        (lambda: glvis.look_at([0, 0, 1], [0, 0, 1]), "target must not be where the camera stands"),
+        (
+            lambda: glvis.look_at([0, 0], [0, 1]),
+            "position must be finite and of shape",
+        ),
+        (lambda: glvis.look_at([0, 0, 0], [0, np.nan, 1]), "target must be finite"),
+        (lambda: glvis.look_at([0, 0, 0], [0, 1, 1], roll_deg=np.nan), "roll_deg must be finite"),
+        (lambda: a_sensor(resolution=(128.0, 96)), "two whole numbers"),
+        (lambda: a_sensor(resolution=640), "two whole numbers"),
+        (lambda: a_sensor(hfov_deg=190), r"190 deg must lie in \(0, 180\)"),
+    ],
+)
+def test_what_no_camera_can_be_is_refused(call, fact):
+    with pytest.raises(ValueError, match=fact):
+        call()
+
+
+def a_sensor(**changes):
+    sheet = {"hfov_deg": 60, "vfov_deg": 45, "resolution": (64, 48)}
+    return glvis.Sensor.from_degrees(**sheet | {"min_distance": 1, "max_distance": 9} | changes)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +115,7 @@ def test_no_pose_gives_no_row():
         (([[0, 0, 0]], [[0, 1, 2]]), np.eye(4), "^mesh "),
         (shapes.plate(1), np.eye(3), r"shape \(\.\.\., 4, 4\), got \(3, 3\)"),
         (shapes.plate(1), [np.eye(4), 2 * np.eye(4)], r"^camera_to_world\[1\] is no rigid pose"),
-        (shapes.plate(1), np.diag([-1.0, 1, 1, 1]), "right-handed"),
+        (shapes.plate(1), np.diag([-1.0, 1, 1, 1]), "^camera_to_world is no .* right-handed"),
         (shapes.plate(1), np.full((4, 4), np.nan), "no rigid pose"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 
 from glvis.camera import Intrinsics
@@ -76,7 +77,12 @@ class Sensor:
         ...     max_distance=350, max_incidence_deg=70)
         Sensor('sensor', 66.4 x 39.5 deg, 1280 x 720 pixels, 160 to 350, incidence up to 70 deg)
         """
-        width, height = resolution
+        try:
+            width, height = (operator.index(n) for n in resolution)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"resolution = {resolution} must be pixels (width, height), two whole numbers"
+            ) from None
         return cls(
             name,
             Intrinsics.from_degrees(hfov_deg, vfov_deg),

@@ -57,7 +57,7 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
     study, poses = placement.study, placement.camera_to_world
     found = []
     for model, seen_map in zip(study.models, placement.maps, strict=True):
-        closest = refusals_of(model, study, poses).max(axis=0)
+        closest = refusals_of(model, study, poses).max(axis=0).astype(int)
         closest[model.areas == 0] = _NO_AREA
         closest[seen_map.counts > 0] = SEEN
         found.append(closest)
@@ -88,7 +88,7 @@ def values_without(placement: Placement) -> Floats:
     return study.objective.aggregated(values)
 
 
-def refusals_of(model: Model, study: Study, camera_to_world: Floats) -> Integers:
+def refusals_of(model: Model, study: Study, camera_to_world: Floats) -> NDArray[np.uint8]:
     """Return which filter of each sensor refuses each face first, (S, F) by ``Refusal``.
 
     Parameters
@@ -101,12 +101,10 @@ def refusals_of(model: Model, study: Study, camera_to_world: Floats) -> Integers
         Poses.
     """
     options = study.visibility
-    return np.stack(
-        [
-            refusal(faces_in_camera(model, pose, options), Limits.of(sensor, options))
-            for sensor, pose in zip(study.sensors, camera_to_world, strict=True)
-        ]
-    )
+    refused = np.zeros((len(study.sensors), model.n_faces), dtype=np.uint8)
+    for row, sensor, pose in zip(refused, study.sensors, camera_to_world, strict=True):
+        row[:] = refusal(faces_in_camera(model, pose, options), Limits.of(sensor, options))
+    return refused
 
 
 def _tell_from_hidden(

@@ -1,4 +1,4 @@
-"""Maps by pixels: the ID buffer of a render is the map (the paper's sweeping strategy).
+"""Maps by pixels: the ID buffer of a render is the map (the paper's sweep strategy).
 
 The depth test is the ray tracing, the clip volume is CropFOV, and the fragment shader refuses by
 incidence and distance (CropBack, CropNorm, CropNear). Works on any OpenGL 3.3.

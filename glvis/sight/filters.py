@@ -1,8 +1,9 @@
 """The paper's filters on faces, Sec. 2.1.1: CropFOV, CropBack, CropNorm and CropNear.
 
 Whatever asks if a sensor may see a face, before anything can hide it, asks here; for shaders
-``filters.glsl`` has the same, and ``culling`` and ``may_pass`` bound it. A face is judged by its
-centre of mass, or other points of it one by one; by the paper's rules at its three corners.
+``filters.glsl`` has the same without the paper's own CropBack, and ``culling`` and ``may_pass``
+bound it. A face is judged by its centre of mass, or other points of it one by one; by the paper's
+rules at its three corners.
 
 Coordinates are kept one row each, (rows, n): taking columns of long rows, and multiplying them
 by a 3 x 3 matrix, is many times faster than the same on rows of three.
@@ -70,21 +71,21 @@ class Limits:
     def of(cls, sensor: Sensor, options: VisibilityOptions) -> Limits:
         """Return the limits of a sensor under a study's options.
 
-        With the paper's semantics a largest incidence of 90 degrees means that CropNorm, which the
-        paper calls optional, is off.
+        A largest incidence of 90 degrees means that CropNorm, which the paper calls optional, is
+        off.
         """
-        by_paper = options.semantics == "paper"
         by_axis = options.incidence == "axis"
         min_cos = math.cos(sensor.max_incidence)
-        is_off = by_paper and sensor.max_incidence >= math.pi / 2
+        if sensor.max_incidence >= math.pi / 2:
+            min_cos = _ANY_AXIS if options.semantics == "paper" else 0.0  # no rounding of pi / 2
         tan_x, tan_y = (float(tangent) for tangent in sensor.intrinsics.tan_half)
         return cls(
             (tan_x, tan_y),
             sensor.min_distance,
             sensor.max_distance,
             _ANY_RAY if by_axis else min_cos,
-            min_cos if by_axis and not is_off else _ANY_AXIS,
-            by_paper,
+            min_cos if by_axis else _ANY_AXIS,
+            options.semantics == "paper",
         )
 
     @property
@@ -191,7 +192,7 @@ class CameraFaces:
         return squared
 
 
-def look_at_camera(faces: CameraFaces, limits: Limits) -> Bools:
+def face_camera(faces: CameraFaces, limits: Limits) -> Bools:
     """Return which faces pass CropBack and CropNorm, (n,): all that depends on the normal."""
     heights, axis_cos = faces.heights, faces.normals[2]
     passes = crop_back(heights, axis_cos, limits)
@@ -202,10 +203,10 @@ def pass_filters(faces: CameraFaces, limits: Limits) -> Bools:
     """Return which faces pass all four filters, (n,) bool; see ``refusal`` for why not."""
     x, y, depth = faces.points
     passes = crop_fov(x, y, depth, limits).any(axis=0) & crop_near(depth, limits).all(axis=0)
-    return passes & look_at_camera(faces, limits)
+    return passes & face_camera(faces, limits)
 
 
-def refusal(faces: CameraFaces, limits: Limits) -> NDArray[np.int64]:
+def refusal(faces: CameraFaces, limits: Limits) -> NDArray[np.uint8]:
     """Return the filter that refuses each face first, (n,) of ``Refusal``.
 
     With several points a face is inside if one of them is, and far enough if all are: so the
@@ -220,7 +221,8 @@ def refusal(faces: CameraFaces, limits: Limits) -> NDArray[np.int64]:
         Refusal.TOO_NEAR: ~crop_near(depth, limits).all(axis=0),
         Refusal.TOO_OBLIQUE: ~crop_norm(heights, faces.distances_squared, axis_cos, limits),
     }
-    return np.select(list(refused.values()), [int(r) for r in refused], default=int(Refusal.NONE))
+    words = [np.uint8(reason) for reason in refused]
+    return np.select(list(refused.values()), words, default=np.uint8(Refusal.NONE))
 
 
 def faces_in_camera(

@@ -184,7 +184,7 @@ class LocalMaps:
             return paper.visible
         if not asks_about_points(self._options):
             return self._drawer.visible
-        # what CropBack refuses and so hides nothing is no matter for the shaders that cast
+        # the compute shaders cannot leave refused faces out of the occluders
         if self._casts and self._options.occlusion == "physical":
             return self._caster.visible
         return rays.visible

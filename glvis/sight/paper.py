@@ -78,13 +78,11 @@ def visible(
 ) -> list[Bools]:
     """Return which faces of each model views see, (N, F) bool each; nothing needs the cull."""
     obstacles = [obstacle.clusters.model for obstacle in scene.obstacles]
-    return [
-        np.stack(
-            [
-                paper_map(target.clusters.model, obstacles, pose, views.limits)
-                for pose in views.camera_to_world
-            ]
-            or [np.zeros((0, target.clusters.model.n_faces), dtype=bool)]
-        ).reshape(len(views), -1)
-        for target in scene.targets
-    ]
+    found = []
+    for target in scene.targets:
+        model = target.clusters.model
+        visible = np.zeros((len(views), model.n_faces), dtype=bool)
+        for seen, pose in zip(visible, views.camera_to_world, strict=True):
+            seen[:] = paper_map(model, obstacles, pose, views.limits)
+        found.append(visible)
+    return found

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.sight.culling import Culled
-from glvis.sight.filters import CameraFaces, look_at_camera, may_pass, pass_filters
+from glvis.sight.filters import CameraFaces, face_camera, may_pass, pass_filters
 from glvis.sight.gpu_scene import GpuScene
 from glvis.sight.occlusion import unhidden
 from glvis.sight.points import (
@@ -66,7 +66,7 @@ def visible_of(
             hiding: Indices = surface.clusters.order[some]
             if surface is target and options.occlusion == "paper":
                 # what CropBack and CropNorm refuse is gone before anything is hidden
-                hiding = faces.index[look_at_camera(faces, views.limits)]
+                hiding = faces.index[face_camera(faces, views.limits)]
             triangles.append(corners_in_camera(surface.clusters.model, hiding, pose))
         occluders = np.concatenate(triangles, axis=2)
         _mark(seen, faces[pass_filters(faces, views.limits)], occluders, views)

@@ -297,8 +297,14 @@ def _pack_model(
         entry["pieceOf"] = _append(blob, _byte_planes(owners.astype("<u4")))
     if model.refusals is not None:
         # of a face that is seen nobody asks: the commonest number deflates best
-        refusals = np.where(visible, Refusal.OUTSIDE, model.refusals)
-        entry["refusals"] = _append(blob, refusals.astype(np.uint8).tobytes())
+        refusals = np.array(model.refusals, dtype=np.uint8)
+        if refusals.shape != visible.shape:
+            raise ValueError(
+                f"the refusals of '{model.name}' must have shape {visible.shape}, "
+                f"got {refusals.shape}"
+            )
+        refusals[visible] = Refusal.OUTSIDE
+        entry["refusals"] = _append(blob, refusals.tobytes())
     return entry
 
 
