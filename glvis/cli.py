@@ -97,6 +97,8 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
             raise
         return _fail(_TOO_LITTLE, 1)
     except _UsageError as error:
+        if not error.format_message():  # no command at all: its help has been printed
+            return 2
         return _fail(f"{error.format_message().rstrip('.')}; {_advice(error)}", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED

@@ -161,6 +161,8 @@ def test_study_that_is_a_picture_is_refused(capsys, tmp_path):
     ("setting", "fact"),
     [
         ("swarm.particle=4", "unknown key 'particle'; did you mean 'particles'?"),
+        ("max_maps=4", "there is no 'max_maps' in a study; did you mean 'search.max_maps'?"),
+        ("by_area=false", "there is no 'by_area' in a study; did you mean 'objective.by_area'?"),
         ("warm.particles=4", "there is no 'warm' in a study; did you mean 'swarm'?"),
         ("mount.Z.roll_deg=4", "there is no 'Z' in mount; there are A, C"),
         ("swarm.particles", "must have the form KEY=VALUE"),
@@ -196,6 +198,27 @@ def test_wrong_use_of_the_command_line_is_one_line(capsys, folder, monkeypatch, 
     assert fact in line
     command = "glvis" if arguments[0] == "optimise" else f"glvis {arguments[0]}"
     assert line.endswith(f"'{command} --help' tells more")
+
+
+def test_no_command_is_answered_by_the_help_alone(capsys):
+    assert main([]) == 2
+    captured = capsys.readouterr()
+    assert "Usage: glvis" in captured.out
+    assert captured.err == ""
+
+
+@pytest.mark.parametrize("name", ["part.stl", "Part.OBJ"])
+def test_mesh_in_place_of_a_study_is_told_of_init(capsys, folder, name):
+    (folder / name).write_bytes(b"solid \xff")
+    code, line = refused(capsys, "check", folder / name)
+    fact = "is a mesh, no study; glvis init DIR --model MESH writes a first one"
+    assert (code, line) == (2, f"error: {folder / name}: {fact}")
+
+
+def test_file_in_place_of_a_result_is_refused(capsys, folder):
+    study = folder / "study" / "study.toml"
+    code, line = refused(capsys, "explain", study)
+    assert (code, line) == (2, f"error: {study}: is a file, not the folder of a result")
 
 
 def test_meshes_that_a_shell_has_unfolded_are_told_how_to_be_named(capsys, folder):

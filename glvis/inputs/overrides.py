@@ -224,6 +224,10 @@ def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -
 
 
 def _hint(name: str) -> str:
+    """Return what was meant by a key that is none: one of the tables', or the nearest."""
+    for table, field in StudyTable.model_fields.items():
+        if name in getattr(field.annotation, "model_fields", {}):  # of tables alone
+            return f"; did you mean '{table}.{name}'?"
     return nearest(name, StudyTable.model_fields)
 
 

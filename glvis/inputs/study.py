@@ -25,6 +25,7 @@ from glvis.inputs.meshpaths import NAMES_KEY, check_names, mesh_paths
 from glvis.inputs.mounts import Array, Rig, Variable, build_rig
 from glvis.inputs.overrides import REMOVED, overridden, written
 from glvis.inputs.pieces import cut_models
+from glvis.inputs.scene import SUFFIXES as MESH_SUFFIXES
 from glvis.inputs.scene import Model, joined, load_model
 from glvis.inputs.schema import StudyTable, catalogue
 from glvis.inputs.sensor import Sensor
@@ -155,6 +156,8 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """
     path = Path(path)
     with _located(f"{path}: "):
+        if path.suffix.lower() in MESH_SUFFIXES:
+            raise StudyError("is a mesh, no study; glvis init DIR --model MESH writes a first one")
         source = _read_text(path)
         data = toml_tables(source)
         if "sweep" in data:

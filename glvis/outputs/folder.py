@@ -349,6 +349,8 @@ def read_index(path: Path) -> dict[str, Any]:
         found = read_json(path, _MOST_BYTES)
     except FileNotFoundError:
         raise StudyError(f"{path}: does not exist{_hint(path.parent)}") from None
+    except NotADirectoryError:
+        raise StudyError(f"{path.parent}: is a file, not the folder of a result") from None
     except OSError as error:
         raise StudyError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:  # not UTF-8, not JSON, no plain file
