@@ -17,6 +17,22 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+# Files whose tests take five seconds and more together: processes, browsers, rays, real meshes.
+SLOW = {
+    "any_mesh", "bad_input", "checkpoint", "cli", "cli_results", "cluster", "compare_methods",
+    "exports", "folder_safety", "gpu_check", "hostile_files", "hostile_studies", "kills",
+    "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results", "python",
+    "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
+    "seriesplots", "starter", "streams", "swarm", "workers",
+}  # fmt: skip
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.path.stem.removeprefix("test_") in SLOW:
+            item.add_marker(pytest.mark.slow)
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--update-golden",

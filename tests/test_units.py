@@ -1,10 +1,13 @@
 """Units: formats that say theirs are believed; sizes that make no sense raise a question."""
 
+import zipfile
+
 import numpy as np
 import pytest
-from shapes import corners, cube, write_3mf, write_off
+from shapes import corners, cube, icosphere, write_3mf, write_off
 from test_scene import glb
 
+from glvis.inputs.scene import load_model
 from glvis.inputs.study import load_study
 from glvis.inputs.units import guess_words, mm_per_own_unit, own_up, unit_guess
 
@@ -105,3 +108,26 @@ def test_the_guess_is_a_question_with_sizes():
     assert guess_words(5.76, ["in", "m"]) == "are these inches (146 mm) or metres (5.76 m)?"
     assert guess_words(0.9997, ["m"]) == "are these metres (1 m)?"
     assert guess_words(0.55, ["m"]) == "are these metres (550 mm)?"
+
+
+@pytest.mark.parametrize("at", [0.0, 0.02, 0.5, 0.9])
+def test_a_3mf_of_which_the_packed_bytes_are_damaged_is_refused_in_one_line(tmp_path, at):
+    """Inflating fails in a way of its own, zlib.error, wherever the file is opened first."""
+    path = tmp_path / "part.3mf"
+    write_3mf(path, icosphere(3), "inch")
+    rng = np.random.default_rng(1)
+    with zipfile.ZipFile(path) as archive:
+        texts = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in texts.items():
+            archive.writestr(name, text)
+    with zipfile.ZipFile(path) as archive:
+        model = max(archive.infolist(), key=lambda member: member.compress_size)
+    data = bytearray(path.read_bytes())
+    begin = model.header_offset + 30 + len(model.filename)
+    first = begin + int(at * model.compress_size)
+    data[first : first + 40] = rng.bytes(40)
+    path.write_bytes(data)
+    assert mm_per_own_unit(path) in (1.0, 25.4)
+    with pytest.raises(ValueError, match="cannot be read as 3MF: "):
+        load_model(path)

@@ -108,6 +108,6 @@ def _mm_per_3mf_unit(path: Path) -> float:
             model = next(n for n in archive.namelist() if "3d/3dmodel.model" in n.lower())
             with archive.open(model) as file:
                 found = _ROOT_3MF.search(file.read(_HEAD).decode("utf-8", errors="replace"))
-    except (OSError, StopIteration, ValueError, NotImplementedError, zipfile.BadZipFile):
+    except Exception:  # zip and its methods fail in ways of their own, zlib.error among them
         return millimetres
     return _MM_PER_3MF_UNIT.get(found[1], millimetres) if found else millimetres
