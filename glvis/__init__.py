@@ -4,16 +4,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from glvis.camera import look_at
     from glvis.errors import MachineError, StudyError
-    from glvis.inputs.sensor import Sensor
-    from glvis.inputs.study import Study, load_study
-    from glvis.optim.evaluator import Evaluator
-    from glvis.optim.objective import Objective
-    from glvis.optim.placement import Placement, evaluate_poses, place_sensors
-    from glvis.outputs.reading import read_result
-    from glvis.sight.visibility import VisibilityMap, VisibilityOptions
-    from glvis.sight.visible_faces import visible_faces
+    from glvis.evaluation.evaluator import Evaluator
+    from glvis.problem.camera import look_at
+    from glvis.problem.objective import Objective
+    from glvis.problem.sensor import Sensor
+    from glvis.problem.study import Study
+    from glvis.problem.visibility_options import VisibilityOptions
+    from glvis.results.reading import read_result
+    from glvis.search.placement import Placement, evaluate_poses, place_sensors
+    from glvis.study.loading import load_study
+    from glvis.visibility.visibility_map import VisibilityMap
+    from glvis.visibility.visible_faces import visible_faces
 
 __version__ = "0.1.0"
 __all__ = [
@@ -37,21 +39,21 @@ __all__ = [
 
 # Where the public names live; imported when first asked for, as ``--help`` needs none of them.
 _HOMES = {
-    "Evaluator": "optim.evaluator",
+    "Evaluator": "evaluation.evaluator",
     "MachineError": "errors",
-    "Objective": "optim.objective",
-    "Placement": "optim.placement",
-    "Sensor": "inputs.sensor",
-    "Study": "inputs.study",
+    "Objective": "problem.objective",
+    "Placement": "search.placement",
+    "Sensor": "problem.sensor",
+    "Study": "problem.study",
     "StudyError": "errors",
-    "VisibilityMap": "sight.visibility",
-    "VisibilityOptions": "sight.visibility",
-    "evaluate_poses": "optim.placement",
-    "load_study": "inputs.study",
-    "look_at": "camera",
-    "place_sensors": "optim.placement",
-    "read_result": "outputs.reading",
-    "visible_faces": "sight.visible_faces",
+    "VisibilityMap": "visibility.visibility_map",
+    "VisibilityOptions": "problem.visibility_options",
+    "evaluate_poses": "search.placement",
+    "load_study": "study.loading",
+    "look_at": "problem.camera",
+    "place_sensors": "search.placement",
+    "read_result": "results.reading",
+    "visible_faces": "visibility.visible_faces",
 }
 
 

@@ -8,7 +8,7 @@ import sys
 def main() -> int:
     """Run the command line and return its exit code; Ctrl-C may come while it is still loaded."""
     try:
-        from glvis.cli import main
+        from glvis.cli.app import main
 
         return main()
     except KeyboardInterrupt:

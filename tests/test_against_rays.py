@@ -1,14 +1,13 @@
 """The engine against an independent ray caster: whole ID images, and maps of both criteria."""
 
 import numpy as np
-import oracle
 import pytest
-import shapes
-from sight import d415, looking, random_poses, sensor
+from support import oracle, shapes
+from support.one_sensor import d415, looking, random_poses, sensor
 
-from glvis.camera import camera_to_world
-from glvis.inputs.scene import load_model
-from glvis.sight.renderer import Renderer, Selection
+from glvis.problem.camera import camera_to_world
+from glvis.problem.scene import load_model
+from glvis.visibility.renderer import Renderer, Selection
 
 TABLE_8 = [  # position, direction, roll in degrees
     ((178, -242, 136), (-0.82, 0.55, -0.14), 0),

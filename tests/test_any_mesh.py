@@ -12,14 +12,13 @@ the table holds its share, and a large one fails. ``--rounds 5`` looks from five
 poses.
 """
 
-import kinds
 import numpy as np
 import pytest
-import shapes
-from judge import Judge
-from oracle import Eye
-from sight import d415, kinect, random_poses
-from verdicts import (
+from support import kinds, shapes
+from support.judge import Judge
+from support.one_sensor import d415, kinect, random_poses
+from support.oracle import Eye
+from support.verdicts import (
     AROUND,
     BESIDE,
     INSIDE,
@@ -38,9 +37,9 @@ from verdicts import (
     ways,
 )
 
-from glvis.camera import camera_to_world
-from glvis.inputs.scene import load_model
-from glvis.inputs.sensor import Sensor
+from glvis.problem.camera import camera_to_world
+from glvis.problem.scene import load_model
+from glvis.problem.sensor import Sensor
 
 PARTS = (
     "box.STL",

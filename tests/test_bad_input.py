@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.cli import main
-from glvis.outputs.journal import files_below
+from glvis.cli.app import main
+from glvis.results.journal import files_below
 
 
 def binary_stl(faces: int, corners: float = 1.0) -> bytes:
@@ -46,7 +46,7 @@ MESHES = {
 @pytest.fixture
 def folder(tmp_path) -> Path:
     (tmp_path / "study").mkdir()
-    write_small_study(tmp_path / "study")
+    write_two_cubes(tmp_path / "study")
     return tmp_path
 
 
@@ -281,7 +281,7 @@ def test_full_disk_is_one_line_and_leaves_nothing(capsys, folder, monkeypatch):
         with Path("/dev/full").open("wb", buffering=0) as file:
             file.write(b"x")
 
-    monkeypatch.setattr("glvis.outputs.result.write_npz", full)
+    monkeypatch.setattr("glvis.results.result.write_npz", full)
     study = folder / "study" / "study.toml"
     code, line = refused(capsys, "evaluate", study, "-o", folder / "out", "--no-pictures")
     assert code == 1

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from glvis.optim.box import Box
+from glvis.search.box import Box
 
 ROOM = Box([[0, 10], [0, 360], [5, 5]], [False, True, True])
 

@@ -3,27 +3,27 @@
 from dataclasses import replace
 
 import pytest
-import studies
+from support import two_cubes
 
-from glvis.drawing.coloring import coloring
-from glvis.drawing.stage import Stage
-from glvis.inputs.pieces import noun_of_shares
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.compare import Layout, difference_coloring
-from glvis.outputs.explain_words import explain_lines
-from glvis.outputs.report import page_data
-from glvis.outputs.tables import sensor_table
-from glvis.outputs.tolerance import worth
-from glvis.outputs.tolerance_words import loss_lines
-from glvis.outputs.wording import result_lines
+from glvis.cli.explain_words import explain_lines
+from glvis.cli.tolerance_words import loss_lines
+from glvis.cli.wording import result_lines
+from glvis.pictures.coloring import coloring
+from glvis.pictures.stage import Stage
+from glvis.problem.pieces import noun_of_shares
+from glvis.reports.compare import Layout, difference_coloring
+from glvis.reports.report import page_data
+from glvis.results.tables import sensor_table
+from glvis.results.tolerance import worth
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 
 
 @pytest.fixture(scope="module")
 def placements(tmp_path_factory):
     """The same layout, by faces and by area; the cube is stretched so that the two differ."""
     folder = tmp_path_factory.mktemp("study")
-    path = studies.write_small_study(folder)
+    path = two_cubes.write_two_cubes(folder)
     text = (folder / "cube.off").read_text().replace("0.5", "0.9", 3)
     (folder / "cube.off").write_text(text)
     return {

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from glvis.camera import (
+from glvis.problem.camera import (
     Intrinsics,
     angles_from_direction,
     camera_to_world,

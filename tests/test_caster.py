@@ -4,17 +4,17 @@ import re
 
 import numpy as np
 import pytest
-import shapes
-from sight import DOWN, looking, random_poses, seen, sensor
+from support import shapes
+from support.one_sensor import DOWN, looking, random_poses, seen, sensor
 
-from glvis.camera import camera_to_world
 from glvis.errors import MachineError
-from glvis.inputs.scene import Model
-from glvis.sight import batch, cast, points, selftest, surface
-from glvis.sight.cast import Caster
-from glvis.sight.culling import cull
-from glvis.sight.maps import LocalMaps, MapJob, MapScene
-from glvis.sight.visibility import VisibilityOptions
+from glvis.problem.camera import camera_to_world
+from glvis.problem.scene import Model
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.visibility import batch, cast, points, selftest, surface
+from glvis.visibility.cast import Caster
+from glvis.visibility.culling import cull
+from glvis.visibility.maps import LocalMaps, MapJob, MapScene
 
 pytestmark = pytest.mark.skipif(not cast.has_compute(), reason="this driver has no compute shaders")
 
@@ -161,11 +161,11 @@ def test_where_the_driver_gives_up_numpy_makes_the_same_map(options, monkeypatch
 
     assert selftest.can_cast()  # before the driver gives up
     with monkeypatch.context() as patch:
-        patch.setattr("glvis.sight.cast.visible_of", no_numpy)
+        patch.setattr("glvis.visibility.cast.visible_of", no_numpy)
         cast = made()
     monkeypatch.setattr(Caster, "_has_finished", lambda self: False)
     with pytest.raises(AssertionError, match="NumPy"), monkeypatch.context() as patch:
-        patch.setattr("glvis.sight.cast.visible_of", no_numpy)
+        patch.setattr("glvis.visibility.cast.visible_of", no_numpy)
         made()
     assert cast.any() and np.array_equal(cast, made())
 

@@ -9,20 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from same import assert_same_placements
-from small_study import SMALL, write_small_study
+from support.ball_and_ring import SMALL, write_ball_and_ring
+from support.equal_results import assert_same_placements
 
 import glvis
 from glvis.errors import MachineError, StudyError
-from glvis.inputs.study import load_study
-from glvis.optim.auto_options import AutoOptions
-from glvis.optim.checkpoint import read_checkpoint, write_checkpoint
-from glvis.optim.placement import evaluate_poses, place_sensors
+from glvis.search.auto_options import AutoOptions
+from glvis.search.checkpoint import read_checkpoint, write_checkpoint
+from glvis.search.placement import evaluate_poses, place_sensors
+from glvis.study.loading import load_study
 
 
 @pytest.fixture
 def study(tmp_path, rng):
-    return load_study(write_small_study(tmp_path, rng))
+    return load_study(write_ball_and_ring(tmp_path, rng))
 
 
 @pytest.fixture
@@ -65,7 +65,9 @@ def test_search_broken_after_any_iteration_ends_with_the_numbers_of_an_unbroken_
 def test_search_that_learns_goes_on_with_what_it_had_learned(study, path, monkeypatch):
     study = load_study(study.path, ["search.method=auto", "search.max_maps=700"])
     # quick, and the surrogate learns up to some way in
-    monkeypatch.setattr("glvis.optim.search.AutoOptions", partial(AutoOptions, poses=150, rounds=1))
+    monkeypatch.setattr(
+        "glvis.search.methods.AutoOptions", partial(AutoOptions, poses=150, rounds=1)
+    )
     unbroken = place_sensors(study)
     assert {"surrogate", "local search", "restart"} <= {row.method for row in unbroken.trace}
     sizes = []
@@ -111,9 +113,9 @@ def test_interrupted_search_goes_on(study, path):
 def test_search_killed_at_any_moment_goes_on(study, path):
     script = (
         "import os, signal, sys\nfrom pathlib import Path\n"
-        "from glvis.optim.placement import place_sensors\n"
-        "from glvis.inputs.study import load_study\n"
-        "from glvis.optim import evaluator\n"
+        "from glvis.search.placement import place_sensors\n"
+        "from glvis.study.loading import load_study\n"
+        "from glvis.evaluation import evaluator\n"
         "study, path, calls = load_study(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])\n"
         "key = evaluator._key\n"
         "def deadly(*args):\n"
@@ -219,7 +221,7 @@ def test_file_that_is_no_checkpoint_is_refused(study, path, what):
 
 
 def test_checkpoint_of_another_version_is_refused(study, path, monkeypatch):
-    monkeypatch.setattr("glvis.optim.checkpoint.VERSION", 3)
+    monkeypatch.setattr("glvis.search.checkpoint.VERSION", 3)
     place_sensors(study, checkpoint=path)
     monkeypatch.undo()
     with pytest.raises(StudyError, match="of version 3; this glvis reads version 2"):
@@ -251,10 +253,10 @@ def test_search_that_goes_on_elsewhere_says_so(study, path, monkeypatch):
     place_sensors(study, checkpoint=path)
     from dataclasses import replace
 
-    from glvis.sight import maps
+    from glvis.visibility import maps
 
     info = replace(maps.gl_info(), renderer="another GPU")
-    monkeypatch.setattr("glvis.sight.maps.gl_info", lambda: info)
+    monkeypatch.setattr("glvis.visibility.maps.gl_info", lambda: info)
     (warning,) = place_sensors(study, checkpoint=path, resume=True).warnings
     assert warning.startswith("the search began on ") and "went on on another GPU (" in warning
 

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-import rooms
-import shapes
-from shapes import cube, flipped, icosphere, merged, moved
+from support import rooms, shapes
+from support.shapes import cube, flipped, icosphere, merged, moved
 from test_study import off
 
-from glvis.inputs.checks import size_doubts, study_warnings
-from glvis.inputs.starter import write_starter
-from glvis.inputs.starter_study import Choices
-from glvis.inputs.study import load_study
+from glvis.evaluation.checks import size_doubts, study_warnings
+from glvis.study.loading import load_study
+from glvis.study.starter import write_starter
+from glvis.study.starter_study import Choices
 
 RING = """\
 unit = "UNIT"

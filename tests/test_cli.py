@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
 import glvis
-from glvis.cli import main
-from glvis.drawing.pictures import write_views
+from glvis.cli.app import main
+from glvis.cli.terminal import _Lines, duration, say, table
 from glvis.errors import MachineError
-from glvis.optim.placement import Progress
-from glvis.outputs.journal import files_below
-from glvis.outputs.reading import read_result
-from glvis.terminal import _Lines, duration, say, table
+from glvis.pictures.writing import write_views
+from glvis.results.journal import files_below
+from glvis.results.reading import read_result
+from glvis.search.placement import Progress
 
 EXPORTS = ["README.txt", "blender_scene.py", "colmap/cameras.txt", "colmap/images.txt"]
 EXPORTS += ["colmap/points3D.txt", "cube.ply", "ros/sensors.urdf", "ros/static_transforms.sh"]
@@ -35,7 +35,7 @@ SEARCHED = sorted([*BROKEN_OFF, "reach.npz"])
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "study").mkdir()
-    return write_small_study(tmp_path / "study")
+    return write_two_cubes(tmp_path / "study")
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_help_of_every_command_ends_well(glvis_cli, command):
 
 def test_help_needs_no_mesh_library_and_no_opengl():
     code = (
-        "import sys; from glvis.cli import main; assert main(['--help']) == 0; "
+        "import sys; from glvis.cli.app import main; assert main(['--help']) == 0; "
         "heavy = {'trimesh', 'moderngl', 'pydantic', 'pyswarms', 'scipy'} & set(sys.modules); "
         "assert not heavy, heavy"
     )
@@ -280,7 +280,7 @@ def test_pictures_that_fail_do_not_cost_the_result(glvis_cli, study, tmp_path, m
         (directory / "views" / "half.png").touch()
         raise MachineError("no more memory on the GPU")
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_pictures", no_pictures)
+    monkeypatch.setattr("glvis.reports.delivery.write_pictures", no_pictures)
     out = tmp_path / "out"
     code, text, _ = glvis_cli("evaluate", study, "-o", out)
     assert code == 1
@@ -294,7 +294,7 @@ def test_ctrl_c_while_pictures_are_made_leaves_the_result(glvis_cli, study, tmp_
     def interrupted(placement, directory, look):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_pictures", interrupted)
+    monkeypatch.setattr("glvis.reports.delivery.write_pictures", interrupted)
     code, text, _ = glvis_cli("evaluate", study, "-o", tmp_path / "out")
     assert code == 1
     assert "Warning: the pictures were left out on Ctrl-C; glvis render" in text
@@ -305,7 +305,7 @@ def test_pictures_come_with_a_result_and_can_be_made_again(glvis_cli, study, tmp
     def small(*arguments, **options):
         return write_views(*arguments, **options | {"size": (320, 200)})
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", small)
+    monkeypatch.setattr("glvis.reports.delivery.write_views", small)
     out = tmp_path / "out"
     code, text, err = glvis_cli("optimize", study, "-o", out)
     assert code == 0
@@ -381,7 +381,7 @@ ENDLESS = "iterations = 1000000\nstall_iterations = 1000000"
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_interrupted_search_ends_in_a_complete_result(tmp_path, number):
     (tmp_path / "study").mkdir()
-    study = write_small_study(tmp_path / "study", SMALL.replace("iterations = 2", ENDLESS))
+    study = write_two_cubes(tmp_path / "study", SMALL.replace("iterations = 2", ENDLESS))
     out = tmp_path / "out"
     command = [sys.executable, "-m", "glvis", "optimize", study, "-o", out, *QUICK]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as p:
@@ -410,7 +410,7 @@ def started(*arguments) -> subprocess.Popen:
 def test_killed_search_goes_on_to_the_result_of_an_unbroken_one(glvis_cli, tmp_path):
     (tmp_path / "study").mkdir()
     text = SMALL.replace("iterations = 2", "iterations = 300\nstall_iterations = 300")
-    study = write_small_study(tmp_path / "study", text)
+    study = write_two_cubes(tmp_path / "study", text)
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     with started(study, "-o", broken) as process:
         process.kill()

@@ -1,18 +1,18 @@
 """Commands about results that are there, through the command line."""
 
 import pytest
-from studies import write_small_study
+from support.two_cubes import write_two_cubes
 
-from glvis.cli import main
-from glvis.outputs.journal import files_below
-from glvis.outputs.reading import read_result
+from glvis.cli.app import main
+from glvis.results.journal import files_below
+from glvis.results.reading import read_result
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("result")
     (folder / "study").mkdir()
-    study = write_small_study(folder / "study")
+    study = write_two_cubes(folder / "study")
     assert main(["evaluate", str(study), "-o", str(folder / "out"), "--no-pictures"]) == 0
     return folder / "out"
 

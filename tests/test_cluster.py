@@ -15,16 +15,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from same import assert_same_maps, assert_same_placements, some_jobs
-from small_study import write_small_study
+from support.ball_and_ring import write_ball_and_ring
+from support.equal_results import assert_same_maps, assert_same_placements, some_jobs
 
 import glvis
-from glvis.cli import main
+from glvis.cli.app import main
 from glvis.errors import MachineError, StudyError
-from glvis.inputs.study import load_study
-from glvis.optim.cluster import ClusterMaps
-from glvis.optim.placement import place_sensors
-from glvis.sight.maps import MapJob, MapScene
+from glvis.evaluation.cluster import ClusterMaps
+from glvis.search.placement import place_sensors
+from glvis.study.loading import load_study
+from glvis.visibility.maps import MapJob, MapScene
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 
@@ -121,7 +121,7 @@ def dask(tmp_path_factory):
 
 @pytest.fixture
 def study(tmp_path, rng):
-    return load_study(write_small_study(tmp_path, rng))
+    return load_study(write_ball_and_ring(tmp_path, rng))
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def scenes_held(dask):
     def count():
         import gc
 
-        from glvis.sight.maps import LocalMaps, MapScene
+        from glvis.visibility.maps import LocalMaps, MapScene
 
         gc.collect()
         kinds = [type(thing) for thing in gc.get_objects()]
@@ -177,13 +177,13 @@ def hanging(dask):
     def hang():
         from threading import Event
 
-        from glvis.optim import remote
+        from glvis.evaluation import remote
 
         remote.gate = Event()
         remote._thread.submit(remote.gate.wait)
 
     def go_on():
-        from glvis.optim import remote
+        from glvis.evaluation import remote
 
         if hasattr(remote, "gate"):
             remote.gate.set()
@@ -353,8 +353,8 @@ def test_scenes_that_nobody_needs_any_more_are_freed(dask, study, jobs):
 def test_a_scene_whose_search_was_killed_is_freed_by_the_next_one(dask, study):
     dask.have("ann")
     script = (
-        "import os, signal, sys\nfrom glvis.inputs.study import load_study\n"
-        "from glvis.optim.placement import place_sensors\n"
+        "import os, signal, sys\nfrom glvis.study.loading import load_study\n"
+        "from glvis.search.placement import place_sensors\n"
         "place_sensors(load_study(sys.argv[1]), cluster=sys.argv[2],\n"
         "              on_iteration=lambda _: os.kill(os.getpid(), signal.SIGKILL))\n"
     )
@@ -379,7 +379,7 @@ def test_maps_that_nobody_waits_for_any_more_are_forgotten(dask, study, jobs):
 def test_without_workers_the_search_ends_and_can_go_on(dask, study, tmp_path, monkeypatch):
     dask.have("ann")
     hasty = partial(ClusterMaps, silence_timeout=1.0)
-    monkeypatch.setattr("glvis.optim.placement.ClusterMaps", hasty)
+    monkeypatch.setattr("glvis.search.placement.ClusterMaps", hasty)
     path = tmp_path / "checkpoint.npz"
     with pytest.raises(MachineError) as error:
         place_sensors(
@@ -408,7 +408,7 @@ def test_interrupted_search_comes_back_with_its_best(dask, study):
 
 def test_other_versions_on_a_worker_are_refused(dask, study, monkeypatch):
     dask.have("bob")
-    remote = pytest.importorskip("glvis.optim.remote")
+    remote = pytest.importorskip("glvis.evaluation.remote")
     monkeypatch.setattr(remote, "VERSIONS", remote.VERSIONS | {"numpy": "0.1"})
     with pytest.raises(MachineError, match=r"worker bob has numpy [\d.]+, this process 0\.1; ins"):
         ClusterMaps(MapScene.of(study), dask.address)
@@ -430,7 +430,7 @@ def test_a_scheduler_or_worker_without_glvis_is_refused(dask, study, monkeypatch
 
 def test_dask_knows_the_package_by_the_name_that_versions_are_asked_by():
     """Asked by another name it answers None for everybody, and None equals None."""
-    remote = pytest.importorskip("glvis.optim.remote")
+    remote = pytest.importorskip("glvis.evaluation.remote")
     project = tomllib.loads((Path(ROOT) / "pyproject.toml").read_text())["project"]
     assert project["name"] == remote.DISTRIBUTION
 
@@ -477,7 +477,7 @@ def test_cluster_without_workers_is_not_waited_for_long(dask, study, monkeypatch
 
 
 def test_lost_scheduler_ends_the_run(tmp_path, study, jobs, monkeypatch):
-    monkeypatch.setattr("glvis.optim.cluster._TO_CONNECT", 3.0)  # and to connect again
+    monkeypatch.setattr("glvis.evaluation.cluster._TO_CONNECT", 3.0)  # and to connect again
     own = DaskProcesses(tmp_path)
     try:
         own.start_scheduler()
@@ -535,7 +535,7 @@ def test_missing_package_is_one_line_and_leaves_nothing(study, tmp_path, monkeyp
 
 def test_nothing_of_dask_is_imported_without_a_cluster(study, tmp_path):
     script = (
-        "import sys\nfrom glvis.cli import main\n"
+        "import sys\nfrom glvis.cli.app import main\n"
         "assert main(sys.argv[1:]) == 0\n"
         "print(sorted({name.partition('.')[0] for name in sys.modules}))\n"
     )

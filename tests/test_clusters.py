@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-import shapes
-from sight import looking, random_poses, sensor
+from support import shapes
+from support.one_sensor import looking, random_poses, sensor
 
-from glvis.camera import camera_to_world
-from glvis.inputs.scene import Model
-from glvis.sight.clusters import Clusters
-from glvis.sight.culling import clusters_in_frustum, cull, most_height
-from glvis.sight.renderer import Renderer, Selection
+from glvis.problem.camera import camera_to_world
+from glvis.problem.scene import Model
+from glvis.visibility.clusters import Clusters
+from glvis.visibility.culling import clusters_in_frustum, cull, most_height
+from glvis.visibility.renderer import Renderer, Selection
 
 
 def clusters_of(shape, size=None) -> Clusters:

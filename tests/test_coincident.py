@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import shapes
-from sight import DOWN, seen, sensor
+from support import shapes
+from support.one_sensor import DOWN, seen, sensor
 
-from glvis.camera import camera_to_world
-from glvis.inputs.scene import Model
-from glvis.sight.coincident import Coincident
+from glvis.problem.camera import camera_to_world
+from glvis.problem.scene import Model
+from glvis.visibility.coincident import Coincident
 
 UNIT = shapes.triangle((0, 0, 0), (1, 0, 0), (0, 1, 0))
 FAR_OFF = shapes.triangle((9, 9, 9), (9, 10, 9), (9, 9, 10))  # makes the extent that of a scene
@@ -110,7 +110,7 @@ def test_pairs_are_looked_for_in_parts(rng, monkeypatch):
     flat = shapes.soup(rng, 100, 0.3)
     flat = (flat[0] * [1, 1, 0], flat[1])
     whole = pairs(flat)
-    monkeypatch.setattr("glvis.sight.coincident._PAIRS", 5)
+    monkeypatch.setattr("glvis.visibility.coincident._PAIRS", 5)
     assert len(whole) > 100 and pairs(flat) == whole
 
 

@@ -7,23 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.camera import camera_to_world
-from glvis.cli import main
-from glvis.drawing.palette import SEEN_COLOR, UNSEEN_COLOR
-from glvis.drawing.scenesheets import subtitle
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.compare import (
+from glvis.cli.app import main
+from glvis.cli.compare_words import comparison_lines, comparison_rows
+from glvis.common.palette import SEEN_COLOR, UNSEEN_COLOR
+from glvis.pictures.scenesheets import subtitle
+from glvis.problem.camera import camera_to_world
+from glvis.reports.compare import (
     BOTH,
     FIRST,
     NEITHER,
     SECOND,
     Layout,
     _difference_sheet,
-    comparison_lines,
-    comparison_rows,
     difference,
     difference_coloring,
     named,
@@ -31,13 +28,15 @@ from glvis.outputs.compare import (
     shared_models,
     write_comparison,
 )
-from glvis.outputs.journal import files_below
+from glvis.results.journal import files_below
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 
 
 @pytest.fixture(scope="module")
 def layouts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    study = load_study(write_small_study(folder))
+    study = load_study(write_two_cubes(folder))
     poses = study.rig.poses(study.rig.start)
     poses[2] = camera_to_world([0, 0, -4], [0, 0, 1], 0.0, study.up)  # from below instead
     return [
@@ -90,7 +89,7 @@ def test_small_and_large_turns_are_exact(layouts, degrees):
 
 def test_sensors_of_other_names_are_left_out(layouts, tmp_path):
     text = SMALL.replace('name = "C"', 'name = "top"')
-    other = evaluate_poses(load_study(write_small_study(tmp_path, text)))
+    other = evaluate_poses(load_study(write_two_cubes(tmp_path, text)))
     assert [m[0] for m in sensor_moves(layouts[0].placement, other)] == ["A", "B"]
 
 
@@ -110,7 +109,7 @@ def test_what_only_rounding_moved_has_not_moved(layouts):
 
 def test_only_equal_meshes_are_compared_face_by_face(layouts, tmp_path):
     text = SMALL.replace("[scene]", "[scene]\nscale = 1.5")
-    other = Layout("larger", evaluate_poses(load_study(write_small_study(tmp_path, text))))
+    other = Layout("larger", evaluate_poses(load_study(write_two_cubes(tmp_path, text))))
     assert shared_models([*layouts, other]) == []
     assert shared_models(layouts) == ["cube", "small"]
     lines = list(comparison_lines([layouts[0], other]))
@@ -133,7 +132,7 @@ def inches(text: str) -> str:
 
 def test_lengths_of_other_units_are_converted(layouts, tmp_path):
     first = layouts[0].placement
-    other = evaluate_poses(load_study(write_small_study(tmp_path, inches(SMALL))))
+    other = evaluate_poses(load_study(write_two_cubes(tmp_path, inches(SMALL))))
     assert not np.allclose(other.camera_to_world, first.camera_to_world)
     for name, far, turn in sensor_moves(first, other):
         assert far == pytest.approx(0, abs=1e-9), name
@@ -147,7 +146,7 @@ def test_lengths_of_other_units_are_converted(layouts, tmp_path):
 
 def test_meshes_in_other_units_are_not_compared_face_by_face(layouts, tmp_path):
     text = SMALL.replace("[scene]", 'unit = "in"\n[scene]')  # the same numbers, another size
-    other = Layout("inches", evaluate_poses(load_study(write_small_study(tmp_path, text))))
+    other = Layout("inches", evaluate_poses(load_study(write_two_cubes(tmp_path, text))))
     assert shared_models([layouts[0], other]) == []
     lines = list(comparison_lines([layouts[0], other]))
     assert lines[-1].startswith("No model is the same mesh in one unit in all layouts")
@@ -157,7 +156,7 @@ def test_meshes_in_other_units_are_not_compared_face_by_face(layouts, tmp_path):
 def test_difference_picture_says_which_layout_its_subtitle_is_about(layouts, monkeypatch):
     said = []
     monkeypatch.setattr(
-        "glvis.outputs.compare.close_sheet", lambda stage, painted: said.append(subtitle(stage))
+        "glvis.reports.compare.close_sheet", lambda stage, painted: said.append(subtitle(stage))
     )
     _difference_sheet(*layouts, "cube")
     assert len(said) == 1 and said[0].startswith("below · ")
@@ -167,7 +166,7 @@ def test_layouts_without_a_common_mesh_are_not_drawn(layouts, tmp_path, capsys):
     folders = []
     for name, text in (("one", SMALL), ("two", SMALL.replace("[scene]", "[scene]\nscale = 2"))):
         (tmp_path / f"{name}-study").mkdir()
-        study = str(write_small_study(tmp_path / f"{name}-study", text))
+        study = str(write_two_cubes(tmp_path / f"{name}-study", text))
         folders.append(str(tmp_path / name))
         assert main(["evaluate", study, "-o", folders[-1], "--no-pictures"]) == 0
     capsys.readouterr()
@@ -207,12 +206,12 @@ def test_names_are_as_long_as_they_must_be_to_differ(layouts):
 
 
 def test_models_side_by_side_are_drawn_alike_wherever_sensors_stand(layouts, tmp_path, monkeypatch):
-    monkeypatch.setattr("glvis.outputs.compare._SIZE", (400, 400))
+    monkeypatch.setattr("glvis.reports.compare._SIZE", (400, 400))
     one = layouts[0].placement
     far = one.camera_to_world.copy()
     far[:, :3, 3] *= 5
     others = [layouts[0], Layout("far", replace(one, camera_to_world=far))]
-    monkeypatch.setattr("glvis.outputs.compare.cut_alike", lambda given: given)
+    monkeypatch.setattr("glvis.reports.compare.cut_alike", lambda given: given)
     (picture, *_) = write_comparison(others, tmp_path)
     upper = np.array(Image.open(picture).convert("RGB"))[60:190].astype(int)  # the model alone
     near, far_off = upper[:, :260], upper[:, 400:660]
@@ -221,10 +220,10 @@ def test_models_side_by_side_are_drawn_alike_wherever_sensors_stand(layouts, tmp
 
 
 def test_pictures_come_into_a_new_folder(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("glvis.outputs.compare._SIZE", (300, 300))
+    monkeypatch.setattr("glvis.reports.compare._SIZE", (300, 300))
     (tmp_path / "study").mkdir()
     text = SMALL.replace('"cube.off", "small.off"', '"cube.off"')
-    study = str(write_small_study(tmp_path / "study", text))
+    study = str(write_two_cubes(tmp_path / "study", text))
     for name, setting in (("one", "mount.C.roll_deg=0"), ("two", "mount.C.position=[0, 1, 4]")):
         out = str(tmp_path / name)
         assert main(["evaluate", study, "-o", out, "--no-pictures", "--set", setting]) == 0

@@ -2,8 +2,8 @@
 
 import json
 
+import compare_methods
 import pytest
-from toolbox import tool
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def run(monkeypatch, capsys, tmp_path):
         command = ["compare_methods", "-o", str(tmp_path / "out"), "--workers", "1", *arguments]
         monkeypatch.setattr("sys.argv", command)
         try:
-            code = tool("compare_methods").main()
+            code = compare_methods.main()
         except SystemExit as end:
             code = end.code
         return (code, *capsys.readouterr())

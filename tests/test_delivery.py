@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
 import glvis
-from glvis.cli import main
+from glvis.cli.app import main
 
 TITLE = 'title = """Two\\nlines\\u0000 and\\u2028a tab\\t"""'
 IN_LINES = SMALL.replace('title = "Two cubes"', TITLE)
@@ -15,23 +15,23 @@ IN_LINES = SMALL.replace('title = "Two cubes"', TITLE)
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "study").mkdir()
-    return write_small_study(tmp_path / "study")
+    return write_two_cubes(tmp_path / "study")
 
 
 def test_titles_are_one_line(tmp_path):
-    path = write_small_study(tmp_path, IN_LINES)
+    path = write_two_cubes(tmp_path, IN_LINES)
     assert glvis.load_study(path).title == "Two lines and a tab"
     assert glvis.load_study(path, ['title=""']).title == "study"
 
 
 def test_result_of_a_title_of_two_lines_is_whole_with_its_pictures(tmp_path, monkeypatch):
-    from glvis.drawing.pictures import write_views
+    from glvis.pictures.writing import write_views
 
     def small(*arguments, **options):
         return write_views(*arguments, **options | {"size": (200, 200), "color": "unseen"})
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", small)
-    path, out = write_small_study(tmp_path, IN_LINES), tmp_path / "out"
+    monkeypatch.setattr("glvis.reports.delivery.write_views", small)
+    path, out = write_two_cubes(tmp_path, IN_LINES), tmp_path / "out"
     assert main(["evaluate", str(path), "-o", str(out)]) == 0
     assert (out / "views" / "cube-unseen.png").exists()
     compile((out / "exports" / "blender_scene.py").read_text(), "blender_scene.py", "exec")
@@ -52,7 +52,7 @@ def test_what_fails_is_a_warning_of_one_line(
     def fail(*arguments, **options):
         raise RuntimeError("raqm\nfailed " + 1000 * "x")
 
-    monkeypatch.setattr(f"glvis.outputs.delivery.{part}", fail)
+    monkeypatch.setattr(f"glvis.reports.delivery.{part}", fail)
     out = tmp_path / "out"
     more = [] if part == "write_pictures" else ["--no-pictures"]
     assert main(["evaluate", str(study), "-o", str(out), *more]) == 1
@@ -72,7 +72,7 @@ def test_pictures_that_fail_when_made_again_are_one_line(study, tmp_path, capsys
 
     out = tmp_path / "out"
     assert main(["evaluate", str(study), "-o", str(out), "--no-pictures"]) == 0
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", fail)
+    monkeypatch.setattr("glvis.reports.delivery.write_views", fail)
     assert main(["render", str(out)]) == 1
     error = capsys.readouterr().err
     fact = "the pictures could not be made: RuntimeError raqm failed"

@@ -11,11 +11,11 @@ import pytest
 import typer
 
 import glvis
-from glvis.cli import app, main
-from glvis.inputs.keys import KEY_TABLES
-from glvis.inputs.lengths import with_plain_lengths
-from glvis.inputs.schema import StudyTable
-from glvis.manual import read_pages
+from glvis.cli.app import app, main
+from glvis.cli.manual import read_pages
+from glvis.study.keys import KEY_TABLES
+from glvis.study.lengths import with_plain_lengths
+from glvis.study.schema import StudyTable
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {page.name: page for page in read_pages()}

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import shapes
-from studies import SMALL, write_small_study
+from support import shapes
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.camera import Intrinsics
-from glvis.inputs.estimate import Cost, measured_cost, share_below_a_pixel, working_distance
-from glvis.inputs.scene import Model
-from glvis.inputs.sensor import Sensor
-from glvis.inputs.study import load_study
-from glvis.optim.placement import place_sensors
+from glvis.problem.camera import Intrinsics
+from glvis.problem.scene import Model
+from glvis.problem.sensor import Sensor
+from glvis.search.estimate import Cost, measured_cost, share_below_a_pixel, working_distance
+from glvis.search.placement import place_sensors
+from glvis.study.loading import load_study
 
 EYE = Sensor("eye", Intrinsics.from_degrees(90, 90), (100, 100), 0.0, 20.0)
 
@@ -38,7 +38,7 @@ def test_finer_pictures_have_fewer_faces_below_a_pixel():
 
 
 def test_a_run_renders_no_more_maps_than_it_was_estimated(tmp_path):
-    study = load_study(write_small_study(tmp_path))
+    study = load_study(write_two_cubes(tmp_path))
     cost = measured_cost(study, max_seconds=0.05)
     assert cost.maps == 6
     assert cost.run_maps == 4 * 3 * 6  # particles, iterations and the first swarm
@@ -58,13 +58,13 @@ def test_a_run_renders_no_more_maps_than_it_was_estimated(tmp_path):
 )
 def test_budget_of_the_search_counts(tmp_path, table, run_maps):
     text = SMALL.replace('method = "swarm"', table)
-    study = load_study(write_small_study(tmp_path, text))
+    study = load_study(write_two_cubes(tmp_path, text))
     assert measured_cost(study, max_seconds=0.0).run_maps == run_maps
 
 
 def test_nothing_to_search_costs_nothing(tmp_path):
     text = SMALL.replace("{ min = 2, max = 6, start = 3 }", "3")
-    cost = measured_cost(load_study(write_small_study(tmp_path, text)), max_seconds=0.0)
+    cost = measured_cost(load_study(write_two_cubes(tmp_path, text)), max_seconds=0.0)
     assert (cost.run_maps, cost.run_seconds()) == (0, 0)
 
 
@@ -84,13 +84,13 @@ def test_predictions_are_one_processs_work_and_what_is_within_reach_comes_on_top
 @pytest.mark.parametrize(("method", "predicts"), [("auto", True), ("swarm", False)])
 def test_predictions_are_measured_in_a_small_search(tmp_path, method, predicts):
     text = SMALL.replace('method = "swarm"', f'method = "{method}"')
-    cost = measured_cost(load_study(write_small_study(tmp_path, text)), max_seconds=0.2)
+    cost = measured_cost(load_study(write_two_cubes(tmp_path, text)), max_seconds=0.2)
     assert (cost.search_seconds > 0) == predicts
 
 
 def test_shortest_of_the_studys_times_counts(tmp_path):
     text = SMALL.replace('method = "swarm"', 'method = "swarm"\nmax_seconds = 5')
-    path = write_small_study(tmp_path, text + "max_seconds = 9\n")
+    path = write_two_cubes(tmp_path, text + "max_seconds = 9\n")
     assert measured_cost(load_study(path), max_seconds=0.0).max_seconds == 5
     shorter = ["swarm.max_seconds=3"]
     assert measured_cost(load_study(path, shorter), max_seconds=0.0).max_seconds == 3

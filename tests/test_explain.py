@@ -4,21 +4,20 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import oracle
 import pytest
-import shapes
-from studies import SMALL, write_small_study
+from support import oracle, shapes
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.inputs.checks import study_warnings
-from glvis.inputs.regions import regions
-from glvis.inputs.scene import Model
-from glvis.inputs.starter import write_starter
-from glvis.inputs.starter_study import Choices
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.explain import REASONS, SEEN, unseen_reasons, values_without
-from glvis.outputs.explain_words import explain_lines, facing_words
-from glvis.sight.visibility import VisibilityOptions
+from glvis.cli.explain_words import explain_lines, facing_words
+from glvis.evaluation.checks import study_warnings
+from glvis.problem.regions import regions
+from glvis.problem.scene import Model
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.results.explain import REASONS, SEEN, unseen_reasons, values_without
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
+from glvis.study.starter import write_starter
+from glvis.study.starter_study import Choices
 
 ARM = """
 up = [0, 1, 0]
@@ -199,7 +198,7 @@ def test_a_cad_part_that_is_inside_out_is_seen_from_behind_and_not_hidden(tmp_pa
 
 
 def test_a_sheet_below_which_sensors_stand_is_seen_from_behind(tmp_path):
-    path = write_small_study(tmp_path)
+    path = write_two_cubes(tmp_path)
     shapes.write_off(tmp_path / "cube.off", shapes.plate(1.0, cells=(3, 3)))
     below = shapes.merged(shapes.plate(1.0, cells=(3, 3)), shapes.cube(0.5, (0, 0, 2)))
     placement = evaluate_poses(load_study(path))
@@ -210,7 +209,7 @@ def test_a_sheet_below_which_sensors_stand_is_seen_from_behind(tmp_path):
 
 
 def test_face_without_area_has_no_other_reason(tmp_path):
-    path = write_small_study(tmp_path)
+    path = write_two_cubes(tmp_path)
     vertices, faces = shapes.cube(1.0)
     shapes.write_off(tmp_path / "cube.off", (vertices, np.vstack([faces, [0, 0, 1]])))
     found = unseen_reasons(evaluate_poses(load_study(path)))[0]
@@ -220,7 +219,7 @@ def test_face_without_area_has_no_other_reason(tmp_path):
 def test_papers_rules_judge_by_vertices(tmp_path):
     text = SMALL.replace("[scene]", '[visibility]\nsemantics = "paper"\n[scene]')
     text = text.replace("max_distance = 12", "min_distance = 3.6\nmax_distance = 12")
-    placement = evaluate_poses(load_study(write_small_study(tmp_path, text)))
+    placement = evaluate_poses(load_study(write_two_cubes(tmp_path, text)))
     # C stands 4 before the cube of width 1 and looks down: its top lies 3.5 away, too near;
     # that of the small one 3.75 away
     tops = [np.flatnonzero(m.normals[:, 2] > 0.9) for m in placement.study.models]
@@ -253,7 +252,7 @@ def test_faces_that_touch_in_a_corner_are_two_regions():
 
 
 def test_value_without_a_sensor_is_that_of_a_study_without_it(tmp_path):
-    placement = evaluate_poses(load_study(write_small_study(tmp_path)))
+    placement = evaluate_poses(load_study(write_two_cubes(tmp_path)))
     study = placement.study
     expected = np.mean(
         [

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.camera import rigid_inverse
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.export_poses import write_exports, write_poses
-from glvis.outputs.export_surfaces import face_colors, write_surfaces
-from glvis.outputs.rotations import quaternion, roll_pitch_yaw, rotation_between
+from glvis.problem.camera import rigid_inverse
+from glvis.problem.rotations import quaternion, roll_pitch_yaw, rotation_between
+from glvis.reports.export_surfaces import face_colors, write_surfaces
+from glvis.results.export_poses import write_exports, write_poses
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 
 # Two kinds of sensors, pixels that are not square, a roll, a mirror, another unit and up.
 TEXT = (
@@ -34,7 +34,7 @@ TOLERANCE = 0.01  # pixels
 
 @pytest.fixture(scope="module")
 def placement(tmp_path_factory):
-    study = load_study(write_small_study(tmp_path_factory.mktemp("study"), TEXT))
+    study = load_study(write_two_cubes(tmp_path_factory.mktemp("study"), TEXT))
     return evaluate_poses(study)
 
 
@@ -299,7 +299,7 @@ def test_gltf_frusta_reach_from_the_eye_to_both_ends_of_the_range(placement, fol
 
 def test_gltf_has_a_scene_a_model_and_all_faces_in_their_colours(tmp_path):
     text = SMALL.replace("[scene]", "[scene]\nscale = 2")
-    placement = evaluate_poses(load_study(write_small_study(tmp_path, text)))
+    placement = evaluate_poses(load_study(write_two_cubes(tmp_path, text)))
     write_surfaces(placement, tmp_path)
     gltf, data = gltf_of(tmp_path / "scene.glb")
     names = [node["name"] for node in gltf["nodes"]]

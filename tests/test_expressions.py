@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from glvis.inputs.expressions import (
+from glvis.problem.expressions import (
     Linear,
     nearest,
     parse_linear,

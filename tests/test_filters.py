@@ -5,12 +5,13 @@ from itertools import product
 import moderngl
 import numpy as np
 import pytest
-import shapes
-from sight import DOWN, random_poses, seen, sensor
+from support import shapes
+from support.one_sensor import DOWN, random_poses, seen, sensor
 
-from glvis.inputs.scene import Model
-from glvis.sight.context import gl_context, unbind_framebuffer
-from glvis.sight.filters import (
+from glvis.problem.scene import Model
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.visibility.context import gl_context, unbind_framebuffer
+from glvis.visibility.filters import (
     CameraFaces,
     Limits,
     Refusal,
@@ -22,8 +23,7 @@ from glvis.sight.filters import (
     pass_filters,
     refusal,
 )
-from glvis.sight.glsl import SHADER_DIR, shader_source
-from glvis.sight.visibility import VisibilityOptions
+from glvis.visibility.glsl import SHADER_DIR, shader_source
 
 DEVICE = sensor(hfov_deg=70, vfov_deg=50, near=2.0, far=3.6, max_incidence_deg=65)
 OPTIONS = {

@@ -7,14 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from studies import write_small_study
+from support.two_cubes import write_two_cubes
 
 import glvis
-from glvis.cli import main
+from glvis.cli.app import main
 from glvis.errors import MachineError, StudyError
-from glvis.outputs.folder import ResultFolder, read_index, result_folder
-from glvis.outputs.journal import JOURNAL, files_below
-from glvis.outputs.lock import LOCK, held
+from glvis.results.folder import ResultFolder, read_index, result_folder
+from glvis.results.journal import JOURNAL, files_below
+from glvis.results.lock import LOCK, held
 
 ROOT = str(Path(glvis.__file__).parents[1])
 BUSY = "another glvis is at work in this folder; wait until it has ended or choose another folder"
@@ -23,14 +23,14 @@ BUSY = "another glvis is at work in this folder; wait until it has ended or choo
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "study").mkdir()
-    return write_small_study(tmp_path / "study")
+    return write_two_cubes(tmp_path / "study")
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     """A search and a series, ended, without pictures."""
     folder = tmp_path_factory.mktemp("results")
-    study = write_small_study(folder)
+    study = write_two_cubes(folder)
     for name, more in (("one", []), ("many", ["--repeats", "1"])):
         assert run("optimize", study, "-o", folder / name, *more) == 0
     return folder
@@ -58,7 +58,7 @@ def contents(folder):
 def holder(folder):
     """Start a process that is at work in a folder."""
     script = (
-        "import sys, time\nfrom pathlib import Path\nfrom glvis.outputs.lock import held\n"
+        "import sys, time\nfrom pathlib import Path\nfrom glvis.results.lock import held\n"
         "with held(Path(sys.argv[1])):\n    print('here', flush=True)\n    time.sleep(600)\n"
     )
     command = [sys.executable, "-c", script, str(folder)]
@@ -117,7 +117,7 @@ def test_two_in_one_process_are_told_apart_too(tmp_path):
 
 
 def test_drive_that_cannot_lock_is_worked_on_without(tmp_path, monkeypatch):
-    monkeypatch.setattr("glvis.outputs.lock._connected", lambda lock: (None, True))
+    monkeypatch.setattr("glvis.results.lock._connected", lambda lock: (None, True))
     with held(tmp_path):
         pass
     monkeypatch.setitem(sys.modules, "sqlite3", None)
@@ -126,7 +126,7 @@ def test_drive_that_cannot_lock_is_worked_on_without(tmp_path, monkeypatch):
 
 
 def test_lock_that_was_removed_meanwhile_is_not_taken_for_held(tmp_path, monkeypatch):
-    from glvis.outputs import lock
+    from glvis.results import lock
 
     connected, tries = lock._connected, []
 
@@ -137,7 +137,7 @@ def test_lock_that_was_removed_meanwhile_is_not_taken_for_held(tmp_path, monkeyp
         tries.append(path)
         return found
 
-    monkeypatch.setattr("glvis.outputs.lock._connected", late)
+    monkeypatch.setattr("glvis.results.lock._connected", late)
     with held(tmp_path):
         assert len(tries) == 2 and files_below(tmp_path) == [LOCK]
 
@@ -277,7 +277,7 @@ def test_error_in_the_commit_says_that_nothing_is_lost(tmp_path, monkeypatch):
     def full(*arguments, **options):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("glvis.outputs.journal._put", full)
+    monkeypatch.setattr("glvis.results.journal._put", full)
     fact = "No space left on device; the result is whole: what writes into .*out next puts the rest"
     with pytest.raises(MachineError, match=fact), result_folder(tmp_path / "out") as folder:
         (folder.staging / "a").touch()

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from shapes import cube, icosphere, plate
+from support.shapes import cube, icosphere, plate
 
-from glvis.drawing.framing import (
+from glvis.pictures.framing import (
     View,
     axis_label,
     fitted_eye,
@@ -13,7 +13,7 @@ from glvis.drawing.framing import (
     towards_eye,
     view_axes,
 )
-from glvis.inputs.scene import Model
+from glvis.problem.scene import Model
 
 UPS = ([0, 0, 1], [0, 1, 0], [1, 0, 0], [0.2, -0.5, 0.8])
 

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapes import cube, merged, moved, write_off
+from support.shapes import cube, merged, moved, write_off
 
-from glvis.drawing.coloring import coloring
-from glvis.drawing.framing import View, direction_angles, towards_eye
-from glvis.drawing.gapviews import gap_views
-from glvis.drawing.palette import UNSEEN_COLOR
-from glvis.drawing.scenesheets import unseen_sheet
-from glvis.drawing.stage import Stage
-from glvis.inputs.regions import largest_regions
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.sight.visibility import VisibilityMap
+from glvis.common.palette import UNSEEN_COLOR
+from glvis.pictures.coloring import coloring
+from glvis.pictures.framing import View, direction_angles, towards_eye
+from glvis.pictures.gapviews import gap_views
+from glvis.pictures.scenesheets import unseen_sheet
+from glvis.pictures.stage import Stage
+from glvis.problem.regions import largest_regions
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
+from glvis.visibility.visibility_map import VisibilityMap
 
 STUDY = """
 title = "Two walls"

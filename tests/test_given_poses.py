@@ -5,25 +5,25 @@ import re
 
 import numpy as np
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.camera import camera_to_world
-from glvis.cli import main
+from glvis.cli.app import main
 from glvis.errors import StudyError
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.export_poses import write_exports, write_poses
-from glvis.outputs.folder import result_folder
-from glvis.outputs.given_poses import read_given_poses
-from glvis.outputs.result import write_data, write_summary
-from glvis.outputs.rotations import quaternion, rotation
+from glvis.problem.camera import camera_to_world
+from glvis.problem.rotations import quaternion, rotation
+from glvis.results.export_poses import write_exports, write_poses
+from glvis.results.folder import result_folder
+from glvis.results.given_poses import read_given_poses
+from glvis.results.result import write_data, write_summary
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 
 NAMES = SMALL.replace('name = "C"', 'name = "over the door"')  # COLMAP's names end at a space
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    return load_study(write_small_study(tmp_path_factory.mktemp("study"), NAMES))
+    return load_study(write_two_cubes(tmp_path_factory.mktemp("study"), NAMES))
 
 
 @pytest.fixture(scope="module")
@@ -60,16 +60,14 @@ def test_what_glvis_writes_comes_back(placement, result, study, name):
 def test_poses_go_by_the_names_of_the_sensors(placement, result, tmp_path):
     names = {"A": "A", "over the door": "B", "B": "over the door"}
     text = re.sub(r'name = "([^"]+)"', lambda found: f'name = "{names[found[1]]}"', NAMES)
-    other = load_study(write_small_study(tmp_path, text))
+    other = load_study(write_two_cubes(tmp_path, text))
     assert other.sensor_names == ("A", "over the door", "B")
     poses = read_given_poses(result, other)
     assert np.array_equal(poses, placement.camera_to_world[[0, 2, 1]])
 
 
 def test_a_result_in_another_unit_is_converted(placement, result, tmp_path):
-    inches = load_study(
-        write_small_study(tmp_path, NAMES.replace("[scene]", 'unit = "in"\n[scene]'))
-    )
+    inches = load_study(write_two_cubes(tmp_path, NAMES.replace("[scene]", 'unit = "in"\n[scene]')))
     poses = read_given_poses(result, inches)
     np.testing.assert_allclose(
         poses[:, :3, 3], placement.camera_to_world[:, :3, 3] / 25.4, rtol=1e-12

@@ -20,17 +20,17 @@ rounding may differ. Renew them by ``pytest tests/test_golden.py --update-golden
 
 from pathlib import Path
 
-import gallery
 import numpy as np
 import pytest
 from PIL import Image
+from support import torus_scene
 
-from glvis.drawing.coloring import coloring
-from glvis.drawing.scenesheets import close_sheet, perspective_sheet, sides_sheet, unseen_sheet
-from glvis.drawing.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
-from glvis.drawing.stage import Stage
-from glvis.optim.evaluator import Evaluator
-from glvis.sight.context import gl_info
+from glvis.evaluation.evaluator import Evaluator
+from glvis.pictures.coloring import coloring
+from glvis.pictures.scenesheets import close_sheet, perspective_sheet, sides_sheet, unseen_sheet
+from glvis.pictures.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
+from glvis.pictures.stage import Stage
+from glvis.visibility.context import gl_info
 
 GOLDEN = Path(__file__).parent / "golden"
 SIZE = (480, 300)
@@ -61,10 +61,10 @@ PICTURES = {
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory):
-    study = gallery.ring_study(tmp_path_factory.mktemp("golden"))
+    study = torus_scene.ring_study(tmp_path_factory.mktemp("golden"))
     with Evaluator(study) as evaluator:
         (seen,) = evaluator.visibility(np.zeros(0))
-    with Stage(study, gallery.start_poses(study)) as stage:
+    with Stage(study, torus_scene.start_poses(study)) as stage:
         stage.show(0, seen)
         yield stage
 

@@ -3,18 +3,17 @@
 import subprocess
 import sys
 import time
+from pathlib import Path
 
-import pytest
-import verdicts
-from toolbox import TOOLS
-
-from glvis.errors import MachineError
-from glvis.sight import context
-
-sys.path.append(str(TOOLS))
 import gpu_check
 import measuring
+import pytest
+from support import verdicts
 
+from glvis.errors import MachineError
+from glvis.visibility import context
+
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
 SECTIONS = ("Driver", "Maps against rays", "Maps a second", "Where the time goes")
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from glvis.hints import command
-from glvis.inputs.starter import next_commands
+from glvis.common.hints import command
+from glvis.study.starter import next_commands
 
 PATHS = [
     "plain/study.toml",
@@ -34,7 +34,7 @@ def test_a_plain_path_stays_without_quotes():
 
 
 def test_windows_gets_double_quotes(monkeypatch):
-    monkeypatch.setattr("glvis.hints.os.name", "nt")
+    monkeypatch.setattr("glvis.common.hints.os.name", "nt")
     assert command("check", "a clone\\study.toml") == 'glvis check "a clone\\study.toml"'
 
 

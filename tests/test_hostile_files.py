@@ -11,22 +11,22 @@ import sys
 import zipfile
 from pathlib import Path
 
-import fuzz
 import numpy as np
 import pytest
-from fuzzfiles import MESHES, write_mesh
-from studies import SMALL, write_small_study
+from support import damage
+from support.two_cubes import SMALL, write_two_cubes
+from support.whole_meshes import MESHES, write_mesh
 
-from glvis.cli import main
+from glvis.cli.app import main
+from glvis.common.complaints import one_line
 from glvis.errors import StudyError
-from glvis.inputs.complaints import one_line
-from glvis.inputs.scene import load_model
-from glvis.inputs.study import load_study
-from glvis.optim.checkpoint import read_checkpoint
-from glvis.optim.search import search_from_state
-from glvis.outputs.given_poses import read_given_poses
-from glvis.outputs.reading import read_result, read_trace
-from glvis.outputs.result import write_csv
+from glvis.problem.scene import load_model
+from glvis.results.given_poses import read_given_poses
+from glvis.results.reading import read_result, read_trace
+from glvis.results.result import write_csv
+from glvis.search.checkpoint import read_checkpoint
+from glvis.search.methods import search_from_state
+from glvis.study.loading import load_study
 
 METHODS = {"swarm": (), "auto": ("search.method=auto", "search.max_maps=100")}
 
@@ -37,7 +37,7 @@ def whole(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     for method, settings in METHODS.items():
         (folder / method).mkdir()
-        study = write_small_study(folder / method)
+        study = write_two_cubes(folder / method)
         options = [part for setting in settings for part in ("--set", setting)]
         command = ["optimize", str(study), "-o", str(folder / method / "out"), *options]
         assert main([*command, "--workers", "1", "--no-pictures", "--no-meshes"]) == 0
@@ -68,7 +68,7 @@ def test_damaged_checkpoints_are_told_or_go_on(whole, tmp_path, method):
     data, path = (out / "checkpoint.npz").read_bytes(), tmp_path / "checkpoint.npz"
     facts = []
     for seed in range(120):
-        path.write_bytes(fuzz.damaged_npz(data, np.random.default_rng(seed)))
+        path.write_bytes(damage.damaged_npz(data, np.random.default_rng(seed)))
         facts.append(told(resumed, path, study))
     assert sum(map(bool, facts)) > 80
     assert len(set(facts)) > 10
@@ -83,7 +83,9 @@ def test_damaged_results_are_told_or_read(whole, tmp_path, name):
     data, facts = (out / name).read_bytes(), []
     study = load_study(whole / "auto" / "study.toml")
     for seed in range(60):
-        (out / name).write_bytes(fuzz.damaged(Path(name).suffix, data, np.random.default_rng(seed)))
+        (out / name).write_bytes(
+            damage.damaged(Path(name).suffix, data, np.random.default_rng(seed))
+        )
         facts.append(told(read_result, out))
         if name == "result.json":
             told(read_given_poses, out, study)
@@ -96,7 +98,7 @@ def test_damaged_meshes_are_told_or_read(whole, tmp_path, suffix):
     assert load_model(whole / f"mesh{suffix}").n_faces == 12
     facts = []
     for seed in range(30):
-        path.write_bytes(fuzz.damaged(path.suffix, data, np.random.default_rng(seed)))
+        path.write_bytes(damage.damaged(path.suffix, data, np.random.default_rng(seed)))
         facts.append(told(load_model, path))
     assert any(facts)
 
@@ -357,8 +359,8 @@ def test_mesh_beyond_every_number_is_told(tmp_path, name, text, fact):
 
 
 def test_reading_of_large_meshes_is_told(tmp_path, monkeypatch, capsys, caplog):
-    study = write_small_study(tmp_path)
-    monkeypatch.setattr("glvis.inputs.scene._LARGE", (tmp_path / "cube.off").stat().st_size)
+    study = write_two_cubes(tmp_path)
+    monkeypatch.setattr("glvis.problem.scene._LARGE", (tmp_path / "cube.off").stat().st_size)
     assert main(["evaluate", str(study), "-o", str(tmp_path / "out"), "--no-pictures"]) == 0
     assert "Reading cube.off, 0 MB ...\n" in capsys.readouterr().err
     logging.getLogger("glvis").handlers = []  # of a library that is used, nothing is heard
@@ -374,7 +376,7 @@ def test_texts_in_tables_are_no_formulas_and_numbers_stay(tmp_path, first):
 
 
 def test_model_that_is_called_like_a_formula_is_none(tmp_path):
-    write_small_study(tmp_path)
+    write_two_cubes(tmp_path)
     (tmp_path / "small.off").rename(tmp_path / "=HYPERLINK(1).off")
     kind = SMALL.replace("[sensor.eye]", '[sensor."=1+1"]').replace('= "eye"', '= "=1+1"')
     (tmp_path / "study.toml").write_text(kind.replace("small.off", "=HYPERLINK(1).off"))
@@ -387,7 +389,7 @@ def test_model_that_is_called_like_a_formula_is_none(tmp_path):
 
 def test_fuzzer_runs_the_commands():
     # in a process of its own: its children could not use the OpenGL that this one has by now
-    fuzzer = Path(__file__).resolve().parents[1] / "tools" / "fuzz"
+    fuzzer = Path(__file__).resolve().parents[1] / "tools" / "fuzz.py"
     run = subprocess.run(
         [sys.executable, fuzzer, "--cases", "3", "--seed", "2"],
         capture_output=True, text=True, check=False,

@@ -5,18 +5,18 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.cli import main
-from glvis.inputs.files import MOST_TOML
-from glvis.inputs.overrides import written
-from glvis.inputs.study import load_study
-from glvis.outputs.wording import resolution_warnings
+from glvis.cli.app import main
+from glvis.cli.wording import resolution_warnings
+from glvis.common.files import MOST_TOML
+from glvis.study.loading import load_study
+from glvis.study.overrides import written
 
 
 @pytest.fixture
 def folder(tmp_path) -> Path:
-    write_small_study(tmp_path)
+    write_two_cubes(tmp_path)
     return tmp_path
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from glvis.cli import main
-from glvis.inputs.json_schema import DIRECTIVE, SCHEMA_FILE, schema_text, study_schema
-from glvis.inputs.starter import EXAMPLES, write_starter
-from glvis.inputs.study import load_study
+from glvis.cli.app import main
+from glvis.study.json_schema import DIRECTIVE, SCHEMA_FILE, schema_text, study_schema
+from glvis.study.loading import load_study
+from glvis.study.starter import EXAMPLES, write_starter
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 SCHEMA = jsonschema.Draft7Validator(study_schema())

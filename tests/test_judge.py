@@ -1,14 +1,12 @@
 """The judge says what the slow ray caster says, leaves rounding open, and counts right."""
 
-import kinds
 import numpy as np
-import oracle
 import pytest
-import shapes
-from figures import Truth
-from judge import NEAREST, Judge
-from oracle import Eye
-from verdicts import AROUND, INSIDE, NEAR, corners_of, poses_about, size_of
+from support import kinds, oracle, shapes
+from support.figures import Truth
+from support.judge import NEAREST, Judge
+from support.oracle import Eye
+from support.verdicts import AROUND, INSIDE, NEAR, corners_of, poses_about, size_of
 
 EYE = Eye(60, 60, max_distance=10)
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from glvis.cli import main
+from glvis.cli.app import main
 from glvis.errors import StudyError
-from glvis.inputs import schema
-from glvis.inputs.keys import KEY_TABLES, tables_about
-from glvis.inputs.overrides import toml_text
-from glvis.optim.search_options import METHODS
+from glvis.problem.search_options import METHODS
+from glvis.study import schema
+from glvis.study.keys import KEY_TABLES, tables_about
+from glvis.study.overrides import toml_text
 
 # Keys of a study that are tables, under which name each stands in the list.
 TABLES = {"scene": "[scene]", "sensor": "[sensor.NAME]", "visibility": "[visibility]"}

@@ -10,14 +10,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from kills import Folder, told, watched
-from studies import SMALL, write_small_study
+from support.kills import Folder, told, watched
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.cli import main
-from glvis.drawing.pictures import write_views
+from glvis.cli.app import main
 from glvis.errors import StudyError
-from glvis.optim.swarm import Swarm
-from glvis.outputs.folder import ResultFolder, can_resume, own_folder, series_index, settle_folder
+from glvis.pictures.writing import write_views
+from glvis.results.folder import ResultFolder, can_resume, own_folder, series_index, settle_folder
+from glvis.search.swarm import Swarm
 
 TEXT = SMALL.replace('"cube.off", "small.off"', '"cube.off"')
 TEXT = TEXT.replace("iterations = 2", "iterations = 1")
@@ -27,31 +27,31 @@ SHORT = ("--set", "swarm.iterations=0")
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "study").mkdir()
-    return write_small_study(tmp_path / "study", TEXT)
+    return write_two_cubes(tmp_path / "study", TEXT)
 
 
 @pytest.fixture(autouse=True)
 def timeless(monkeypatch):
     """Let no file tell the time, nor anything that is slow to find out or to draw."""
     for module in ("placement", "run"):
-        monkeypatch.setattr(f"glvis.optim.{module}.time", SimpleNamespace(monotonic=lambda: 0.0))
+        monkeypatch.setattr(f"glvis.search.{module}.time", SimpleNamespace(monotonic=lambda: 0.0))
     for function in (Swarm.__init__, Swarm.from_state.__func__):
         monkeypatch.setitem(function.__kwdefaults__, "clock", lambda: 0.0)
     stopped = SimpleNamespace(gmtime=lambda: None, strftime=lambda form, when: "then")
-    monkeypatch.setattr("glvis.outputs.result.time", stopped)
-    for module in ("result", "report", "series_tables"):
-        monkeypatch.setattr(f"glvis.outputs.{module}.versions", lambda: {"glvis": "1"})
-    monkeypatch.setattr("glvis.cli._warnings", lambda study: [])
+    monkeypatch.setattr("glvis.results.result.time", stopped)
+    for module in ("results.result", "reports.report", "reports.series_tables"):
+        monkeypatch.setattr(f"glvis.{module}.versions", lambda: {"glvis": "1"})
+    monkeypatch.setattr("glvis.cli.app._warnings", lambda study: [])
     for plot in (
-        "outputs.series_tables.write_repeats",
-        "outputs.series_tables.write_vary",
-        "drawing.pictures.write_convergence",
+        "reports.series_tables.write_repeats",
+        "reports.series_tables.write_vary",
+        "pictures.writing.write_convergence",
     ):
         monkeypatch.setattr(
             f"glvis.{plot}", lambda path, what, **options: path.write_text(repr(what))
         )
     monkeypatch.setattr(
-        "glvis.outputs.delivery.write_views",
+        "glvis.reports.delivery.write_views",
         lambda *arguments, **options: write_views(
             *arguments, **options | {"size": (200, 200), "color": "unseen"}
         ),
@@ -213,7 +213,7 @@ def test_overwritten_series(study, tmp_path):
 
 SCRIPT = (
     "import sys\nfrom pathlib import Path\nsys.path.append(sys.argv[1])\n"
-    "from kills import die_at\nfrom glvis.cli import main\n"
+    "from support.kills import die_at\nfrom glvis.cli.app import main\n"
     "die_at(Path(sys.argv[2]), int(sys.argv[3]))\nsys.exit(main(sys.argv[4:]))\n"
 )
 

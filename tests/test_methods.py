@@ -6,12 +6,12 @@ import threading
 
 import numpy as np
 import pytest
-from courses import ALL_METHODS, PAIR, SHARED, Course, bowl, problem
 from methods.refine import Steps, refine_alone
+from support.courses import ALL_METHODS, PAIR, SHARED, Course, bowl, problem
 
 from glvis.errors import MachineError
-from glvis.optim.box import Box
-from glvis.optim.script import Block, ScriptSearch
+from glvis.search.box import Box
+from glvis.search.script import Block, ScriptSearch
 
 
 @pytest.mark.parametrize("moved_by", [PAIR, SHARED])

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.camera import camera_to_world
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.mounting import (
+from glvis.problem.camera import camera_to_world
+from glvis.results.mounting import (
     Setting,
     level_axes,
     mounting_lines,
@@ -15,6 +13,8 @@ from glvis.outputs.mounting import (
     setting_of_pose,
     setting_words,
 )
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_settings_are_told_in_words(setting, words):
 
 
 def test_instructions_name_places_views_and_neighbours(tmp_path):
-    study = load_study(write_small_study(tmp_path, SMALL.replace("[scene]", 'unit = "m"\n[scene]')))
+    study = load_study(write_two_cubes(tmp_path, SMALL.replace("[scene]", 'unit = "m"\n[scene]')))
     lines = mounting_lines(evaluate_poses(study))
     assert "Up: +Y." in lines
     first = lines[lines.index("A (eye)") :][:6]
@@ -112,5 +112,5 @@ def test_instructions_name_places_views_and_neighbours(tmp_path):
 
 def test_a_lone_sensor_has_no_neighbour(tmp_path):
     text = SMALL.replace('mirror = { plane = "yz", name = "B" }', "")
-    study = load_study(write_small_study(tmp_path, text[: text.rindex("[[mount]]")]))
+    study = load_study(write_two_cubes(tmp_path, text[: text.rindex("[[mount]]")]))
     assert not [line for line in mounting_lines(evaluate_poses(study)) if "nearest" in line]

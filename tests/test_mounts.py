@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from glvis.camera import camera_to_world, mirrored_pose, position_direction_roll
-from glvis.inputs.expressions import parse_linear
-from glvis.inputs.layout import Aim, Angles, Free, Mirror, Mount, Ring, Vector
-from glvis.inputs.mounts import Variable, build_rig
+from glvis.problem.camera import camera_to_world, mirrored_pose, position_direction_roll
+from glvis.problem.expressions import parse_linear
+from glvis.problem.layout import Aim, Angles, Free, Mirror, Mount, Ring, Vector
+from glvis.problem.mounts import Variable, build_rig
 
 X, Y, Z = np.eye(3)
 ORIGIN = (0.0, 0.0, 0.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
+from glvis.problem.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 
 # Two sensors and three faces: the first sees faces 0 and 1, the second face 1.
 COUNTS = np.array([1, 2, 0])

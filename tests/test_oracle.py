@@ -3,10 +3,9 @@
 import math
 
 import numpy as np
-import oracle
 import pytest
-import shapes
-from oracle import Eye, Rules
+from support import oracle, shapes
+from support.oracle import Eye, Rules
 
 WIDE = Eye(90, 90)
 
@@ -417,7 +416,7 @@ def test_part_centroids_are_those_of_congruent_parts():
 
 
 def test_eye_reads_a_sensor_in_degrees():
-    from glvis.inputs.sensor import CATALOGUE
+    from glvis.problem.sensor import CATALOGUE
 
     eye = Eye.of(CATALOGUE["d415"])
     assert (eye.hfov_deg, eye.vfov_deg) == pytest.approx((66.4, 39.5))

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import glvis
-from glvis.hints import installed_by
-from glvis.outputs.result import versions
+from glvis.common.hints import installed_by
+from glvis.results.result import versions
 
 ROOT = Path(__file__).resolve().parents[1]
 

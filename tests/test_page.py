@@ -11,13 +11,12 @@ import re
 
 import numpy as np
 import pytest
-from browser import Browser, find_chromium
+from support.browser import Browser, find_chromium
 
-from glvis.camera import Intrinsics, camera_to_world, projection_matrix, rigid_inverse
-from glvis.drawing.palette import UNSEEN_COLOR, sensor_colors
-from glvis.inputs.scene import Model, load_model
-from glvis.sight.filters import Limits, faces_in_camera, refusal
-from glvis.sight.visibility import VisibilityOptions
+from glvis.common.palette import UNSEEN_COLOR, sensor_colors
+from glvis.problem.camera import Intrinsics, camera_to_world, projection_matrix, rigid_inverse
+from glvis.problem.scene import Model, load_model
+from glvis.problem.visibility_options import VisibilityOptions
 from glvis.viewer.page import (
     PageData,
     PageModel,
@@ -28,6 +27,7 @@ from glvis.viewer.page import (
     page_text,
     write_page,
 )
+from glvis.visibility.filters import Limits, faces_in_camera, refusal
 
 N = 12  # cells along the plate
 SIZE = 120.0

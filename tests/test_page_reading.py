@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from browser import Browser, find_chromium
+from support.browser import Browser, find_chromium
 from test_page import CORNER, HALF, SIZE, SIZE_OF_PAGE, N, box, differs, example, header, plate
 
-from glvis.camera import camera_to_world
-from glvis.inputs.regions import regions
-from glvis.inputs.scene import Model
+from glvis.problem.camera import camera_to_world
+from glvis.problem.regions import regions
+from glvis.problem.scene import Model
 from glvis.viewer.page import PageModel, PageObstacle, PageSensor, PageTable, page_text, write_page
 
 TAN = example().sensors[0].tan_half

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glvis.drawing.palette import (
+from glvis.common.palette import (
     OBSTACLE_COLOR,
     OVERLAP_COLORS,
     SEEN_COLOR,

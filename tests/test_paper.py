@@ -83,7 +83,7 @@ def test_each_test_that_is_named_exists(case):
     assert name in cases_in(file)
 
 
-@pytest.mark.parametrize("name", ["glvis.no_such.thing", "glvis.camera.no_such"])
+@pytest.mark.parametrize("name", ["glvis.no_such.thing", "glvis.problem.camera.no_such"])
 def test_a_function_that_is_gone_would_be_noticed(name):
     with pytest.raises((AttributeError, ModuleNotFoundError)):
         named(name)

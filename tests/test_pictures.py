@@ -4,15 +4,15 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
-import gallery
 import numpy as np
 import pytest
-import studies
 from PIL import Image
-from shapes import cube, flipped, plate, write_off
+from support import torus_scene, two_cubes
+from support.shapes import cube, flipped, plate, write_off
 
-from glvis.camera import Intrinsics, camera_to_world
-from glvis.drawing.coloring import (
+from glvis.common.palette import SEEN_COLOR, UNSEEN_COLOR, overlap_colors, sensor_colors
+from glvis.evaluation.evaluator import Evaluator
+from glvis.pictures.coloring import (
     KINDS,
     STRIPED,
     Bar,
@@ -24,11 +24,9 @@ from glvis.drawing.coloring import (
     seen_by_one,
     share,
 )
-from glvis.drawing.framing import View
-from glvis.drawing.glyphs import frustum_corners, sensor_bodies, sensor_lines
-from glvis.drawing.palette import SEEN_COLOR, UNSEEN_COLOR, overlap_colors, sensor_colors
-from glvis.drawing.pictures import write_views
-from glvis.drawing.places import (
+from glvis.pictures.framing import View
+from glvis.pictures.glyphs import frustum_corners, sensor_bodies, sensor_lines
+from glvis.pictures.places import (
     Box,
     grid,
     halves,
@@ -39,18 +37,19 @@ from glvis.drawing.places import (
     round_length,
     ticks,
 )
-from glvis.drawing.plots import write_convergence
-from glvis.drawing.scenesheets import neutral_rows, perspective_sheet, subtitle
-from glvis.drawing.sheet import Sheet
-from glvis.drawing.stage import Stage, extreme_points
-from glvis.inputs.scene import Model
-from glvis.inputs.sensor import Sensor
-from glvis.inputs.study import load_study
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.report import page_data
-from glvis.sight.visibility import VisibilityMap
+from glvis.pictures.plots import write_convergence
+from glvis.pictures.scenesheets import neutral_rows, perspective_sheet, subtitle
+from glvis.pictures.sheet import Sheet
+from glvis.pictures.stage import Stage, extreme_points
+from glvis.pictures.writing import write_views
+from glvis.problem.camera import Intrinsics, camera_to_world
+from glvis.problem.scene import Model
+from glvis.problem.sensor import Sensor
+from glvis.reports.report import page_data
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 from glvis.viewer.page import _packed
+from glvis.visibility.visibility_map import VisibilityMap
 
 CAM = Sensor("cam", Intrinsics.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.radians(70))
 
@@ -117,13 +116,13 @@ def test_legend_of_overlap_counts_every_face_once():
 
 def test_a_count_of_sensors_has_one_colour_on_all_models_and_on_the_page(tmp_path, monkeypatch):
     eye = '[[mount]]\nname = "E{}"\nsensor = "eye"\nposition = [0, 0, 4]\naim = [0, 0, 0]\n'
-    text = studies.SMALL.split("[[mount]]")[0] + "".join(map(eye.format, range(8)))
-    placement = evaluate_poses(load_study(studies.write_small_study(tmp_path, text)))
+    text = two_cubes.SMALL.split("[[mount]]")[0] + "".join(map(eye.format, range(8)))
+    placement = evaluate_poses(load_study(two_cubes.write_two_cubes(tmp_path, text)))
     of_all, of_two = placement.maps  # the two that face the sensors are seen by all, or by 2
     of_two = replace(of_two, visible=of_two.visible & (np.arange(8) < 2)[:, None])
     used = []
     monkeypatch.setattr(
-        "glvis.drawing.pictures.coloring",
+        "glvis.pictures.writing.coloring",
         lambda kind, seen: used.append((seen.map.counts, coloring(kind, seen))) or used[-1][1],
     )
     maps, poses = [of_all, of_two], placement.camera_to_world
@@ -196,11 +195,11 @@ def test_counts_have_their_thousands_parted_everywhere(ring):
 def test_legend_names_backs_only_where_one_is_drawn(tmp_path):
     write_off(tmp_path / "ring.off", plate(200, 200))
     write_off(tmp_path / "pad.off", plate(1, 1, center=(0, 0, -90)))
-    (tmp_path / "ring.toml").write_text(gallery.STUDY)
+    (tmp_path / "ring.toml").write_text(torus_scene.STUDY)
     study = load_study(tmp_path / "ring.toml")
     found = VisibilityMap("ring", study.sensor_names, np.ones((3, 2), bool))
     listed = []
-    with Stage(study, gallery.start_poses(study)) as stage:
+    with Stage(study, torus_scene.start_poses(study)) as stage:
         seen = stage.show(0, found)
         stage.paint(coloring("sensor", seen).colors)
         for elevation in (40.0, -40.0):
@@ -215,13 +214,13 @@ def test_room_is_looked_into_through_the_backs_of_its_walls(tmp_path):
     room = flipped(cube(400.0))
     write_off(tmp_path / "ring.off", room)
     write_off(tmp_path / "pad.off", cube(1.0))
-    inside = gallery.STUDY.replace("260, -180, 160", "60, -80, 60").replace(
+    inside = torus_scene.STUDY.replace("260, -180, 160", "60, -80, 60").replace(
         "-300, -60, 120", "-90, -60, 20"
     )
     (tmp_path / "ring.toml").write_text(inside)
     study = load_study(tmp_path / "ring.toml")
     found = VisibilityMap("ring", study.sensor_names, np.ones((3, 12), bool))
-    with Stage(study, gallery.start_poses(study)) as stage:
+    with Stage(study, torus_scene.start_poses(study)) as stage:
         assert stage.is_room
         painted = coloring("overlap", stage.show(0, found))
         stage.paint(painted.colors)
@@ -489,10 +488,10 @@ def test_extreme_points_reach_as_far_as_all_of_them(rng):
 
 @pytest.fixture(scope="module")
 def ring(tmp_path_factory):
-    study = gallery.ring_study(tmp_path_factory.mktemp("ring"))
+    study = torus_scene.ring_study(tmp_path_factory.mktemp("ring"))
     with Evaluator(study) as evaluator:
         maps = evaluator.visibility(np.zeros(0))
-    return study, gallery.start_poses(study), maps
+    return study, torus_scene.start_poses(study), maps
 
 
 def test_other_side_of_a_closed_body_is_opposite_and_of_a_room_is_not(ring, tmp_path):
@@ -580,8 +579,8 @@ def test_pictures_are_the_same_each_time(ring, tmp_path):
 
 def test_names_that_no_file_can_have_are_changed_and_kept_apart(ring, tmp_path):
     study, poses, maps = ring
-    text = gallery.STUDY.replace('"A"', '"a b"').replace('"B"', '"a_b"')
-    study = gallery.ring_study(tmp_path, text)
+    text = torus_scene.STUDY.replace('"A"', '"a b"').replace('"B"', '"a_b"')
+    study = torus_scene.ring_study(tmp_path, text)
     renamed = [VisibilityMap("ring", study.sensor_names, maps[0].visible)]
     out = tmp_path / "views"
     out.mkdir()

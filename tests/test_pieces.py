@@ -4,24 +4,15 @@ import math
 
 import numpy as np
 import pytest
-import shapes
+from support import shapes
 
-from glvis.camera import Intrinsics
-from glvis.inputs import pieces
-from glvis.inputs.pieces import (
-    MOST_ADDED,
-    cut,
-    cut_models,
-    fold,
-    fold_counts,
-    noun_of_shares,
-    pieces_words,
-    seen_share,
-    share_of,
-)
-from glvis.inputs.scene import Model
-from glvis.inputs.sensor import Sensor
-from glvis.sight.visibility import VisibilityOptions
+from glvis.problem import pieces
+from glvis.problem.camera import Intrinsics
+from glvis.problem.pieces import MOST_ADDED, cut, cut_models, noun_of_shares, pieces_words, share_of
+from glvis.problem.scene import Model
+from glvis.problem.sensor import Sensor
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.visibility.folding import fold, fold_counts, seen_share
 
 BY_PIXELS, BY_CENTROIDS = VisibilityOptions(), VisibilityOptions(criterion="centroid")
 # sees 2 x 2 at its working distance of 1

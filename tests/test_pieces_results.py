@@ -6,22 +6,22 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from shapes import cube, icosphere, merged, write_off
-from studies import SMALL, write_small_study
+from support.shapes import cube, icosphere, merged, write_off
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.cli import main
+from glvis.cli.app import main
 from glvis.errors import StudyError
-from glvis.inputs.pieces import fold, fold_counts, folded, seen_share
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses, place_sensors
-from glvis.optim.reach import Sampler
-from glvis.outputs.compare import Layout, cut_alike, shared_models
-from glvis.outputs.explain import SEEN, unseen_reasons
-from glvis.outputs.export_surfaces import face_colors
-from glvis.outputs.reading import read_result
-from glvis.outputs.report import page_data
-from glvis.outputs.tables import model_rows, sensor_rows, sensor_table
-from glvis.outputs.tolerance import worth
+from glvis.reports.compare import Layout, cut_alike, shared_models
+from glvis.reports.export_surfaces import face_colors
+from glvis.reports.report import page_data
+from glvis.results.explain import SEEN, unseen_reasons
+from glvis.results.reading import read_result
+from glvis.results.tables import model_rows, sensor_rows, sensor_table
+from glvis.results.tolerance import worth
+from glvis.search.placement import evaluate_poses, place_sensors
+from glvis.search.reach import Sampler
+from glvis.study.loading import load_study
+from glvis.visibility.folding import fold, fold_counts, folded, seen_share
 
 # The cube's twelve faces are cut, what the other model is made of is small.
 CUT = SMALL.replace('max_edge = "off"', "max_edge = 0.3").replace("small.off", "ball.off")
@@ -33,7 +33,7 @@ def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     write_off(folder / "ball.off", icosphere(3, radius=0.5))
     # a box beside the cube hides a part of its faces, not all of any
-    path = write_small_study(folder, CUT)
+    path = write_two_cubes(folder, CUT)
     write_off(folder / "cube.off", merged(cube(1.0), cube(0.4, center=(0.3, 0.9, 0.6))))
     return path
 

@@ -5,16 +5,16 @@ import signal
 
 import numpy as np
 import pytest
-from small_study import write_small_study
+from support.ball_and_ring import write_ball_and_ring
 
-from glvis.inputs.study import load_study
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.placement import evaluate_poses, place_sensors
+from glvis.evaluation.evaluator import Evaluator
+from glvis.search.placement import evaluate_poses, place_sensors
+from glvis.study.loading import load_study
 
 
 @pytest.fixture
 def study(tmp_path, rng):
-    return load_study(write_small_study(tmp_path, rng))
+    return load_study(write_ball_and_ring(tmp_path, rng))
 
 
 def assert_complete(placement):
@@ -65,7 +65,7 @@ def test_progress_is_told_after_each_iteration(study):
 
 def test_study_without_variables_is_only_evaluated(tmp_path, rng):
     fixed = ["turn=10", "height=1", "azimuth=60", "elevation=20"]
-    path = write_small_study(tmp_path, rng)
+    path = write_ball_and_ring(tmp_path, rng)
     placement = place_sensors(load_study(path, [f"variables.{text}" for text in fixed]))
     assert_complete(placement)
     assert placement.stop_reason == "evaluated only"

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-import shapes
-from sight import sensor
+from support import shapes
+from support.one_sensor import sensor
 
-from glvis.inputs.scene import Model
-from glvis.sight import occlusion, points
-from glvis.sight.clusters import Clusters
-from glvis.sight.filters import may_pass
-from glvis.sight.occlusion import unhidden
-from glvis.sight.points import Large, beside, grid_size, spans
+from glvis.problem.scene import Model
+from glvis.visibility import occlusion, points
+from glvis.visibility.clusters import Clusters
+from glvis.visibility.filters import may_pass
+from glvis.visibility.occlusion import unhidden
+from glvis.visibility.points import Large, beside, grid_size, spans
 
 NEAR = 0.01
 # The frame here: x right, y up, and depth; a triangle is three corners.

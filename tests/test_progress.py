@@ -3,14 +3,14 @@
 import math
 
 import pytest
-from small_study import write_small_study
+from support.ball_and_ring import write_ball_and_ring
 
-from glvis.inputs.study import load_study
-from glvis.optim.checkpoint import read_checkpoint
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.placement import place_sensors
-from glvis.optim.progress import Spent, first_limit
-from glvis.optim.run import Run
+from glvis.evaluation.evaluator import Evaluator
+from glvis.search.checkpoint import read_checkpoint
+from glvis.search.placement import place_sensors
+from glvis.search.progress import Spent, first_limit
+from glvis.search.run import Run
+from glvis.study.loading import load_study
 
 # Between the two, 0.25 iterations and 10 maps a second.
 THEN = Spent(iterations=9, maps=3600, seconds=60.0)
@@ -49,7 +49,7 @@ def told(path, *overrides, **options):
 
 @pytest.fixture
 def path(tmp_path, rng):
-    return write_small_study(tmp_path, rng)
+    return write_ball_and_ring(tmp_path, rng)
 
 
 @pytest.mark.parametrize("method", ["auto", "greedy"])

@@ -4,12 +4,12 @@ import pydoc
 from dataclasses import replace
 
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
 import glvis
+from glvis.common.notebook import html_table
 from glvis.errors import MachineError, StudyError
-from glvis.notebook import html_table
-from glvis.outputs.folder import files_below
+from glvis.results.folder import files_below
 
 HOSTILE = "<script>alert(1)</script>"
 
@@ -17,7 +17,7 @@ HOSTILE = "<script>alert(1)</script>"
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     text = SMALL.replace("Two cubes", HOSTILE)
-    return glvis.load_study(write_small_study(tmp_path_factory.mktemp("study"), text))
+    return glvis.load_study(write_two_cubes(tmp_path_factory.mktemp("study"), text))
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_pictures_that_fail_are_a_warning(placement, tmp_path, monkeypatch):
     def refuse(*arguments, **options):
         raise MachineError("no OpenGL today")
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", refuse)
+    monkeypatch.setattr("glvis.reports.delivery.write_views", refuse)
     with pytest.warns(UserWarning, match="the pictures could not be made: no OpenGL today"):
         placement.save(tmp_path / "out", meshes=False)
     assert (tmp_path / "out" / "result.json").is_file()

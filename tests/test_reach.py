@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapes
-from small_study import SMALL, write_small_study
+from support import shapes
+from support.ball_and_ring import SMALL, write_ball_and_ring
 
-from glvis.cli import main
-from glvis.inputs.study import load_study
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.placement import evaluate_poses, place_sensors
-from glvis.optim.reach import Sampler, _Samples
-from glvis.outputs.explain import REASONS, unseen_reasons
-from glvis.outputs.explain_words import explain_lines
-from glvis.outputs.reading import read_result
-from glvis.outputs.report import page_data
-from glvis.outputs.within_reach import reach_rows
+from glvis.cli.app import main
+from glvis.cli.explain_words import explain_lines
+from glvis.evaluation.evaluator import Evaluator
+from glvis.reports.report import page_data
+from glvis.results.explain import REASONS, unseen_reasons
+from glvis.results.reading import read_result
+from glvis.results.within_reach import reach_rows
+from glvis.search.placement import evaluate_poses, place_sensors
+from glvis.search.reach import Sampler, _Samples
+from glvis.study.loading import load_study
 
 MANY = 10**9  # maps
 
@@ -71,7 +71,7 @@ iterations = 2
 
 @pytest.fixture
 def study(tmp_path, rng):
-    return load_study(write_small_study(tmp_path, rng))
+    return load_study(write_ball_and_ring(tmp_path, rng))
 
 
 @pytest.fixture
@@ -193,7 +193,7 @@ def test_reach_costs_apart_and_is_the_same_after_a_break(study, tmp_path):
 
 
 def test_other_seeds_of_a_search_are_held_against_the_same_positions(tmp_path, rng):
-    path = write_small_study(tmp_path, rng, SMALL.replace("iterations = 4", "iterations = 0"))
+    path = write_ball_and_ring(tmp_path, rng, SMALL.replace("iterations = 4", "iterations = 0"))
     one, other = (place_sensors(load_study(path, [f"swarm.seed={n}"]), sampler=Sampler()).reach
                   for n in (1, 2))  # fmt: skip
     assert one.positions == other.positions == 6
@@ -275,7 +275,7 @@ def test_no_more_is_kept_than_there_is_room_for(study, sampled, monkeypatch):
     for one in (study, other, study):
         place_sensors(one, sampler=sampler)
     assert len(sampler._known) == 2
-    monkeypatch.setattr("glvis.optim.reach._BYTES", 0)
+    monkeypatch.setattr("glvis.search.reach._BYTES", 0)
     before = sum(sampled)
     place_sensors(other, sampler=sampler)
     assert len(sampler._known) == 1 and sum(sampled) == before

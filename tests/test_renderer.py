@@ -4,16 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import shapes
-from sight import DOWN, looking, random_poses, sensor
+from support import shapes
+from support.one_sensor import DOWN, looking, random_poses, sensor
 
-from glvis.camera import camera_to_world
 from glvis.errors import MachineError
-from glvis.sight import renderer as r
-from glvis.sight import selftest, surface
-from glvis.sight.context import gl_context, gl_info
-from glvis.sight.filters import Limits
-from glvis.sight.views import Views
+from glvis.problem.camera import camera_to_world
+from glvis.visibility import renderer as r
+from glvis.visibility import selftest, surface
+from glvis.visibility.context import gl_context, gl_info
+from glvis.visibility.filters import Limits
+from glvis.visibility.views import Views
 
 
 @pytest.fixture(autouse=True)

@@ -6,23 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toolbox import tool
+import reproduce as program
 
-from glvis.optim.placement import evaluate_poses, place_sensors
-from glvis.optim.reach import Sampler
-from glvis.outputs.folder import result_folder
-from glvis.outputs.reading import read_result
-from glvis.sight.visibility import VisibilityOptions
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.results.folder import result_folder
+from glvis.results.reading import read_result
+from glvis.search.placement import evaluate_poses, place_sensors
+from glvis.search.reach import Sampler
 
 TINY = ["swarm.particles=2", "swarm.iterations=1"]
 
 
 @pytest.fixture
-def reproduce():
-    module = tool("reproduce")
-    module.QUICK = TINY
-    module.PARTS = {"arms": ("arms-table-8", "arms"), "kitchen": ("kitchen-2",)}
-    return module
+def reproduce(monkeypatch):
+    parts = {"arms": ("arms-table-8", "arms"), "kitchen": ("kitchen-2",)}
+    monkeypatch.setattr(program, "QUICK", TINY)
+    monkeypatch.setattr(program, "PARTS", parts)
+    return program
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_what_was_cut_off_goes_on_and_what_is_done_stays_done(run, reproduce, tm
     assert row[9] == f"{max(float(entry['percentage']) for entry in counted):.1f} %"
     assert "**Quick runs, not the paper's settings**" in page
     assert "2 particles, up to 1 iterations" in page
-    assert "Not run yet: `tools/reproduce --only arms`" in page
+    assert "Not run yet: `tools/reproduce.py --only arms`" in page
 
     code, _, said = run("--only", "kitchen", "--repeats", "2")
     assert code == 0 and said.count("done before") == 2
@@ -98,13 +98,13 @@ def test_a_search_that_somebody_ended_is_gone_on_with(run, reproduce, tmp_path, 
         stopped.append(options["resume"])
         return place_sensors(study, **options | {"on_iteration": stop})
 
-    monkeypatch.setattr("glvis.optim.placement.place_sensors", interrupted)
+    monkeypatch.setattr("glvis.search.placement.place_sensors", interrupted)
     code, _, said = run("--only", "kitchen", "--repeats", "1")
     assert code == 130 and said.endswith("stopped; the same command goes on\n")
     assert not (tmp_path / "docs").exists()
     monkeypatch.undo()
     monkeypatch.setattr(
-        "glvis.optim.placement.place_sensors",
+        "glvis.search.placement.place_sensors",
         lambda study, **options: (
             stopped.append(options["resume"]) or place_sensors(study, **options)
         ),
@@ -143,7 +143,7 @@ def test_the_page_of_the_arms_holds_the_numbers_of_the_run(reproduce):
     assert cells(page, "mean")[1:5] == ["13,398", "8,365", "8,510", "98.3 %"]  # of Table 9
     assert cells(page, "maps rendered")[2] == f"{found.maps_rendered:,}"
     assert f"see {100 * np.mean([m.coverage for m in fixed.maps]):.1f} % of these arms" in page
-    assert "Not run yet: `tools/reproduce --only kitchen`" in page
+    assert "Not run yet: `tools/reproduce.py --only kitchen`" in page
     assert "![An arm](pictures/a.png)" in page
     # a time means something only where the settings are those of the paper
     assert "time of the search" not in page

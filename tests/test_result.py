@@ -8,27 +8,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapes
-from studies import SMALL, write_small_study
+from support import shapes
+from support.two_cubes import SMALL, write_two_cubes
 
 from glvis.errors import MachineError, StudyError
-from glvis.inputs.study import load_study
-from glvis.optim.placement import TraceRow, evaluate_poses, place_sensors
-from glvis.outputs.folder import ResultFolder, renewed_files, result_folder
-from glvis.outputs.journal import files_below
-from glvis.outputs.reading import read_result
-from glvis.outputs.result import (
+from glvis.results.folder import ResultFolder, renewed_files, result_folder
+from glvis.results.journal import files_below
+from glvis.results.reading import read_result
+from glvis.results.result import (
     sensor_poses,
     write_data,
     write_npz,
     write_summary,
 )
-from glvis.outputs.tables import model_rows, sensor_rows
+from glvis.results.tables import model_rows, sensor_rows
+from glvis.search.placement import TraceRow, evaluate_poses, place_sensors
+from glvis.study.loading import load_study
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    return load_study(write_small_study(tmp_path_factory.mktemp("study")))
+    return load_study(write_two_cubes(tmp_path_factory.mktemp("study")))
 
 
 @pytest.fixture(scope="module")
@@ -235,7 +235,7 @@ def test_a_result_of_changed_meshes_is_refused(placement, written):
 
 def test_a_result_of_an_assembly_notices_which_part_has_changed(tmp_path):
     text = SMALL.replace("[scene]", '[scene]\nassembly = "both"')
-    placement = evaluate_poses(load_study(write_small_study(tmp_path, text)))
+    placement = evaluate_poses(load_study(write_two_cubes(tmp_path, text)))
     with result_folder(tmp_path / "out") as folder:
         write_data(placement, folder.staging)
         write_summary(placement, folder.staging)

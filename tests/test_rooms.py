@@ -4,17 +4,16 @@ The room comes from formulas, the truth from rays to a grid of points on its sur
 """
 
 import numpy as np
-import oracle
 import pytest
-import rooms
+from support import oracle, rooms
 
-from glvis.camera import camera_to_world
-from glvis.cli import main
-from glvis.inputs.estimate import large_faces
-from glvis.inputs.study import load_study
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.placement import place_sensors
-from glvis.outputs.wording import large_face_warnings
+from glvis.cli.app import main
+from glvis.cli.wording import large_face_warnings
+from glvis.evaluation.evaluator import Evaluator
+from glvis.problem.camera import camera_to_world
+from glvis.search.estimate import large_faces
+from glvis.search.placement import place_sensors
+from glvis.study.loading import load_study
 
 POINT = 1.0  # percent of the area
 

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from shapes import (
+from support.shapes import (
     corners,
     cube,
     flipped,
@@ -19,7 +19,7 @@ from shapes import (
     write_3mf,
 )
 
-from glvis.inputs.scene import SUFFIXES, Model, load_model
+from glvis.problem.scene import SUFFIXES, Model, load_model
 
 
 def model(shape, name="shape", **options) -> Model:

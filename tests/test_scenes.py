@@ -1,17 +1,16 @@
 """The meshes and studies in scenes/: what they promise, and that the formulas make them."""
 
-import importlib.util
 import sys
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
+import make_scenes
 import numpy as np
 import pytest
 
-from glvis.inputs.scene import load_model
-from glvis.inputs.study import load_study
-from glvis.optim.objective import OVERLAP_WEIGHTS
-from glvis.optim.search_options import SearchOptions
+from glvis.problem.objective import OVERLAP_WEIGHTS
+from glvis.problem.scene import load_model
+from glvis.problem.search_options import SearchOptions
+from glvis.study.loading import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "scenes"
@@ -27,21 +26,6 @@ STUDIES = {
     "kitchen-4": (24, 4, 1),
 }
 N_FACES = {"holder": (1900, 2100), "kitchen": (6300, 6700)}
-
-
-@pytest.fixture(scope="module")
-def make_scenes():
-    """The script, as a module; its own modules lie in tools/."""
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        loader = SourceFileLoader("make_scenes", str(ROOT / "tools" / "make_scenes"))
-        module = importlib.util.module_from_spec(
-            importlib.util.spec_from_loader("make_scenes", loader)
-        )
-        loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(ROOT / "tools"))
 
 
 @pytest.fixture(scope="module", params=MESHES)
@@ -125,7 +109,7 @@ def test_an_arm_is_one_piece_with_one_open_loop_at_the_elbow(name):
     assert arm.vertices[loop[0, 0], 2] == arm.bounds[0, 2]
 
 
-def test_the_holder_is_closed_and_touches_no_arm(make_scenes):
+def test_the_holder_is_closed_and_touches_no_arm():
     from scenery.arms import holder_field
 
     holder = load_model(SCENES / "holder.stl")
@@ -177,12 +161,12 @@ def test_kitchen_faces_look_away_from_the_furniture():
 
 
 @pytest.mark.parametrize("name", ["arm1", "holder", "kitchen"])
-def test_the_formulas_make_the_committed_file_bit_for_bit(make_scenes, name):
+def test_the_formulas_make_the_committed_file_bit_for_bit(name):
     made = make_scenes.stl_bytes(name, *make_scenes.MAKERS[name]())
     assert made == (SCENES / f"{name}.stl").read_bytes()
 
 
-def test_make_scenes_refuses_an_unknown_name(make_scenes, monkeypatch, capsys):
+def test_make_scenes_refuses_an_unknown_name(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["make_scenes", "garage"])
     with pytest.raises(SystemExit) as caught:
         make_scenes.main()
@@ -190,9 +174,7 @@ def test_make_scenes_refuses_an_unknown_name(make_scenes, monkeypatch, capsys):
     assert "no scene named garage; there are arm1, " in capsys.readouterr().err
 
 
-def test_check_says_which_file_differs_and_writes_nothing(
-    make_scenes, monkeypatch, capsys, tmp_path
-):
+def test_check_says_which_file_differs_and_writes_nothing(monkeypatch, capsys, tmp_path):
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     monkeypatch.setattr(make_scenes, "SCENES", tmp_path)
     monkeypatch.setattr(
@@ -209,14 +191,14 @@ def test_check_says_which_file_differs_and_writes_nothing(
     assert load_model(tmp_path / "square.stl").areas.tolist() == [0.5, 0.5]
 
 
-def test_remeshing_refuses_an_edge_with_three_faces(make_scenes):
+def test_remeshing_refuses_an_edge_with_three_faces():
     from scenery.remesh import Edges
 
     with pytest.raises(ValueError, match="1 edges have more than two faces"):
         Edges.of(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]))
 
 
-def test_a_round_cone_whose_one_ball_holds_the_other_is_refused(make_scenes):
+def test_a_round_cone_whose_one_ball_holds_the_other_is_refused():
     from scenery.implicit import round_cone
 
     with pytest.raises(ValueError, match="one ball of a round cone holds the other"):

@@ -5,22 +5,22 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from courses import ALL_METHODS, PAIR, SHARED, Course, bowl, problem
 from methods.refine import refine_alone
-from small_study import SMALL, write_small_study
+from support.ball_and_ring import SMALL, write_ball_and_ring
+from support.courses import ALL_METHODS, PAIR, SHARED, Course, bowl, problem
 
 from glvis.errors import StudyError
-from glvis.inputs.study import load_study
-from glvis.optim.auto import _make_surrogate_layouts, _recombine, auto, restart_block, restart_cost
-from glvis.optim.box import Box
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.greedy import draw, place_greedily, search_greedily, sensor_groups
-from glvis.optim.local_search import optimize_on_surrogate, perturb, search_locally
-from glvis.optim.placement import place_sensors
-from glvis.optim.run import Run
-from glvis.optim.script import Block, ScriptSearch
-from glvis.optim.search import SCRIPTS
-from glvis.optim.search_options import METHODS, SearchOptions
+from glvis.evaluation.evaluator import Evaluator
+from glvis.problem.search_options import METHODS, SearchOptions
+from glvis.search.auto import _make_surrogate_layouts, _recombine, auto, restart_block, restart_cost
+from glvis.search.box import Box
+from glvis.search.greedy import draw, place_greedily, search_greedily, sensor_groups
+from glvis.search.local_search import optimize_on_surrogate, perturb, search_locally
+from glvis.search.methods import SCRIPTS
+from glvis.search.placement import place_sensors
+from glvis.search.run import Run
+from glvis.search.script import Block, ScriptSearch
+from glvis.study.loading import load_study
 
 STAGES = (
     "start",
@@ -323,7 +323,7 @@ def test_value_that_is_no_number_never_becomes_the_best():
 
 @pytest.fixture
 def small(tmp_path, rng):
-    return write_small_study(tmp_path, rng)
+    return write_ball_and_ring(tmp_path, rng)
 
 
 @pytest.mark.parametrize("method", sorted(ALL_METHODS))
@@ -418,7 +418,7 @@ def test_groups_that_stand_elsewhere_for_the_same_values_are_of_another_kind():
 
 @pytest.mark.parametrize("method", sorted({*ALL_METHODS} - {"cma"}))
 def test_the_narrowest_range_that_is_allowed_does_not_hold_a_search_up(tmp_path, rng, method):
-    path = write_small_study(tmp_path, rng)
+    path = write_ball_and_ring(tmp_path, rng)
     fixed = [f"variables.{text}" for text in ("turn=10", "azimuth=60", "elevation=20")]
     narrow = ["variables.height={min = 1, max = 1.00000001}"]
     study = load_study(path, [*fixed, *narrow, "search.method=auto", "search.max_maps=200"])

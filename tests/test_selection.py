@@ -2,27 +2,26 @@
 
 from dataclasses import replace
 
-import gallery
 import numpy as np
 import pytest
-import studies
 from PIL import Image
+from support import torus_scene, two_cubes
 
-from glvis.cli import main
-from glvis.drawing.pictures import write_views
-from glvis.drawing.selection import chosen_pictures, worst_models
-from glvis.inputs.study import load_study
-from glvis.optim.evaluator import Evaluator
-from glvis.outputs.delivery import left_out_lines
-from glvis.sight.visibility import VisibilityMap
+from glvis.cli.app import main
+from glvis.evaluation.evaluator import Evaluator
+from glvis.pictures.selection import chosen_pictures, worst_models
+from glvis.pictures.writing import write_views
+from glvis.reports.delivery import left_out_lines
+from glvis.study.loading import load_study
+from glvis.visibility.visibility_map import VisibilityMap
 
 
 @pytest.fixture(scope="module")
 def ring(tmp_path_factory):
-    study = gallery.ring_study(tmp_path_factory.mktemp("ring"))
+    study = torus_scene.ring_study(tmp_path_factory.mktemp("ring"))
     with Evaluator(study) as evaluator:
         (seen,) = evaluator.visibility(np.zeros(0))
-    return study, gallery.start_poses(study), seen
+    return study, torus_scene.start_poses(study), seen
 
 
 def many_models(ring, n):
@@ -43,12 +42,16 @@ def many_sensors(folder, n):
     mount = (
         '[[mount]]\nname = "S{}"\nsensor = "cam"\nposition = [260, -180, 160]\naim = [0, 0, 0]\n'
     )
-    text = gallery.STUDY.split("[[mount]]")[0] + "".join(map(mount.format, range(n)))
-    study = gallery.ring_study(folder, text)
+    text = torus_scene.STUDY.split("[[mount]]")[0] + "".join(map(mount.format, range(n)))
+    study = torus_scene.ring_study(folder, text)
     visible = np.ones((n, study.models[0].n_faces), dtype=bool)
     for k in range(n):
         visible[k, : 5 * k] = False
-    return study, gallery.start_poses(study), [VisibilityMap("ring", study.sensor_names, visible)]
+    return (
+        study,
+        torus_scene.start_poses(study),
+        [VisibilityMap("ring", study.sensor_names, visible)],
+    )
 
 
 def test_six_models_are_all_shown_and_of_more_the_three_seen_worst(ring):
@@ -123,15 +126,17 @@ def test_many_sensors_have_few_views_and_one_contact_sheet(tmp_path):
 
 def study_of_ten_sensors(folder):
     mount = '[[mount]]\nname = "E{}"\nsensor = "eye"\nposition = [{}, 3, 3]\naim = [0, 0, 0]\n'
-    text = studies.SMALL.split("[[mount]]")[0] + "".join(mount.format(k, k / 2) for k in range(10))
-    return studies.write_small_study(folder, text)
+    text = two_cubes.SMALL.split("[[mount]]")[0] + "".join(
+        mount.format(k, k / 2) for k in range(10)
+    )
+    return two_cubes.write_two_cubes(folder, text)
 
 
 def test_what_is_left_out_is_said_and_render_makes_it(tmp_path, capsys, monkeypatch):
     def small(*arguments, **options):
         return write_views(*arguments, **options | {"size": (240, 200)})
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", small)
+    monkeypatch.setattr("glvis.reports.delivery.write_views", small)
     study, out = study_of_ten_sensors(tmp_path), tmp_path / "an out"
     assert main(["evaluate", str(study), "-o", str(out), "--no-meshes"]) == 0
     said = capsys.readouterr().out
@@ -150,7 +155,7 @@ def test_what_is_left_out_is_said_and_render_makes_it(tmp_path, capsys, monkeypa
 def test_all_pictures_are_made_at_once_where_they_are_wanted(tmp_path, monkeypatch):
     wanted = []
     monkeypatch.setattr(
-        "glvis.outputs.delivery.write_views",
+        "glvis.reports.delivery.write_views",
         lambda *arguments, **options: wanted.append(options["all_pictures"]) or [],
     )
     study = study_of_ten_sensors(tmp_path)

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from glvis.camera import Intrinsics
-from glvis.inputs.sensor import CATALOGUE, Sensor
+from glvis.problem.camera import Intrinsics
+from glvis.problem.sensor import CATALOGUE, Sensor
 
 
 def sensor(**changes):

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
 import glvis
-from glvis.cli import main
-from glvis.drawing.pictures import write_views
+from glvis.cli.app import main
 from glvis.errors import MachineError
-from glvis.outputs.journal import files_below
-from glvis.outputs.reading import read_result
+from glvis.pictures.writing import write_views
+from glvis.results.journal import files_below
+from glvis.results.reading import read_result
 
 VARY = "\n[vary]\nmounts = [1, 2]\n"
 
@@ -27,7 +27,7 @@ VARY = "\n[vary]\nmounts = [1, 2]\n"
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "study").mkdir()
-    return write_small_study(tmp_path / "study")
+    return write_two_cubes(tmp_path / "study")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def results(tmp_path_factory):
     """A study, a search of it and a series of one, in folders of one folder."""
     folder = tmp_path_factory.mktemp("results")
     (folder / "home").mkdir()
-    study = str(write_small_study(folder / "home"))
+    study = str(write_two_cubes(folder / "home"))
     for name, more in (("one", []), ("many", ["--repeats", "1"])):
         words = ["-o", str(folder / name), "--no-pictures", "--workers", "1", *more]
         assert main(["optimize", study, *words]) == 0
@@ -140,7 +140,7 @@ def test_plot_of_a_grid_runs_along_the_numbers_with_a_line_for_the_rest(
 ):
     drawn = {}
     monkeypatch.setattr(
-        "glvis.outputs.series_tables.write_vary",
+        "glvis.reports.series_tables.write_vary",
         lambda path, panels, **options: path.touch() or drawn.update(options, panels=panels),
     )
     out = tmp_path / "out"
@@ -167,7 +167,7 @@ def test_values_by_area_and_by_faces_have_no_common_axis(run, study, tmp_path, m
         path.touch()
         drawn.extend(panel.quantity for panel in panels)
 
-    monkeypatch.setattr("glvis.outputs.series_tables.write_vary", write)
+    monkeypatch.setattr("glvis.reports.series_tables.write_vary", write)
     out = tmp_path / "out"
     assert run("optimize", study, "-o", out, "--vary", "objective.by_area=false,true")[0] == 0
     assert drawn == ["faces seen [%]", "area seen [%]"]
@@ -212,7 +212,7 @@ def test_pictures_are_made_of_the_best_run(run, study, tmp_path, monkeypatch):
     def small(*arguments, **options):
         return write_views(*arguments, **options | {"size": (320, 200)})
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", small)
+    monkeypatch.setattr("glvis.reports.delivery.write_views", small)
     out = tmp_path / "out"
     code, _, err = run("optimize", study, "-o", out, "--repeats", "2", pictures=True)
     assert code == 0
@@ -231,7 +231,7 @@ def test_pictures_that_fail_do_not_cost_the_series(run, study, tmp_path, monkeyp
     def fail(*arguments, **options):
         raise error
 
-    monkeypatch.setattr("glvis.outputs.delivery.write_views", fail)
+    monkeypatch.setattr("glvis.reports.delivery.write_views", fail)
     out = tmp_path / "out"
     code, text, _ = run("optimize", study, "-o", out, "--repeats", "2", pictures=True)
     assert code == 1
@@ -307,7 +307,7 @@ def test_interrupt_between_two_searches_ends_the_series_too(run, study, tmp_path
 
     out, whole = tmp_path / "out", tmp_path / "whole"
     assert run("optimize", study, "-o", whole, "--repeats", "2")[0] == 0
-    monkeypatch.setattr("glvis.outputs.series.deliver", interrupted)
+    monkeypatch.setattr("glvis.reports.series.deliver", interrupted)
     code, text, _ = run("optimize", study, "-o", out, "--repeats", "2")
     assert code == 0
     assert text.startswith("No run has finished\n\n0 of 2 runs are finished; glvis optimize --res")

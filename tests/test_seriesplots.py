@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from glvis.drawing.seriesplots import Line, Panel, TracedRun, write_repeats, write_vary
+from glvis.pictures.seriesplots import Line, Panel, TracedRun, write_repeats, write_vary
 
 BLUE, ORANGE, PALE, AMBER = (0, 114, 178), (213, 94, 0), (159, 184, 204), (230, 159, 0)
 SIZE = (800, 500)

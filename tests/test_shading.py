@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from shapes import cube, flipped, icosphere, merged, plate, triangle
+from support.shapes import cube, flipped, icosphere, merged, plate, triangle
 
-from glvis.camera import camera_to_world, projection_matrix
-from glvis.drawing.coloring import BACK_COLOR
-from glvis.drawing.framing import Eye, View, fitted_eye
-from glvis.drawing.normals import corner_normals
-from glvis.drawing.shading import Canvas, Lines, Solid
 from glvis.errors import MachineError
-from glvis.sight.context import gl_context
+from glvis.pictures.coloring import BACK_COLOR
+from glvis.pictures.framing import Eye, View, fitted_eye
+from glvis.pictures.normals import corner_normals
+from glvis.pictures.shading import Canvas, Lines, Solid
+from glvis.problem.camera import camera_to_world, projection_matrix
+from glvis.visibility.context import gl_context
 
 UP = (0, 0, 1)
 RED, BLUE, WHITE = np.array([200, 30, 20]), np.array([10, 60, 220]), np.array([255, 255, 255])
@@ -273,7 +273,7 @@ def test_flat_sides_beside_a_fillet_are_even():
 def test_normals_of_many_faces_at_a_sharp_vertex_are_those_of_few_at_a_time(monkeypatch):
     vertices, faces = merged(cube(), icosphere(2))
     whole = corner_normals(vertices, faces)
-    monkeypatch.setattr("glvis.drawing.normals._PAIRS", 5)
+    monkeypatch.setattr("glvis.pictures.normals._PAIRS", 5)
     np.testing.assert_array_equal(corner_normals(vertices, faces), whole)
 
 

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glvis.camera import Intrinsics, camera_to_world, distance_and_angle
-from glvis.inputs.sensor import Sensor
-from glvis.inputs.vary import PlannedRun, Point
-from glvis.outputs.spread import Outcome, apart, spread
+from glvis.problem.camera import Intrinsics, camera_to_world, distance_and_angle
+from glvis.problem.sensor import Sensor
+from glvis.results.spread import Outcome, apart, spread
+from glvis.results.vary import PlannedRun, Point
 
 UP = np.array([0.0, 0.0, 1.0])
 NEAR = Sensor("near", Intrinsics.from_degrees(60, 40), (64, 48), 10.0, 30.0, math.pi / 2)

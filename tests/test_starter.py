@@ -7,22 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import robots
-import rooms
-import shapes
+from support import robots, rooms, shapes
 from test_scene import glb
 
-from glvis.cli import main
+from glvis.cli.app import main
 from glvis.errors import StudyError
-from glvis.inputs.checks import study_warnings
-from glvis.inputs.scene import Model, load_model
-from glvis.inputs.starter import EXAMPLES, write_starter
-from glvis.inputs.starter_layout import fitting_sensor
-from glvis.inputs.starter_meshes import arm, box, room
-from glvis.inputs.starter_study import Choices
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.journal import files_below
+from glvis.evaluation.checks import study_warnings
+from glvis.problem.scene import Model, load_model
+from glvis.results.journal import files_below
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
+from glvis.study.starter import EXAMPLES, write_starter
+from glvis.study.starter_layout import fitting_sensor
+from glvis.study.starter_meshes import arm, box, room
+from glvis.study.starter_study import Choices
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import moderngl
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
 import glvis
-from glvis.cli import main
-from glvis.outputs.reading import read_result
-from glvis.streams import Patient
+from glvis.cli.app import main
+from glvis.cli.streams import Patient
+from glvis.results.reading import read_result
 
 FULL = Path("/dev/full")
 ROOT = str(Path(glvis.__file__).parents[1])
@@ -27,7 +27,7 @@ has_hangup = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this syst
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "study").mkdir()
-    return write_small_study(tmp_path / "study")
+    return write_two_cubes(tmp_path / "study")
 
 
 def shell(study, out, redirection):
@@ -115,7 +115,7 @@ def test_signals_outside_of_a_search_are_one_line(study, tmp_path, name, monkeyp
         pytest.skip(f"this system has no {name}")
     before = [signal.getsignal(one) for one in (signal.SIGINT, number)]
     monkeypatch.setattr(
-        "glvis.optim.placement.evaluate_poses", lambda *args: os.kill(os.getpid(), number)
+        "glvis.search.placement.evaluate_poses", lambda *args: os.kill(os.getpid(), number)
     )
     assert main(["evaluate", str(study), "-o", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err == "error: interrupted\n"
@@ -144,7 +144,7 @@ def test_what_the_driver_refuses_is_one_line(study, tmp_path, monkeypatch, capsy
     def fail(*arguments):
         raise moderngl.Error("cannot map the buffer")
 
-    monkeypatch.setattr("glvis.optim.placement.evaluate_poses", fail)
+    monkeypatch.setattr("glvis.search.placement.evaluate_poses", fail)
     assert main(["evaluate", str(study), "-o", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err == (
         "error: OpenGL ended it: cannot map the buffer; "
@@ -165,7 +165,7 @@ def test_too_little_memory_is_one_line(study, tmp_path, monkeypatch, capsys, err
     def fail(*arguments):
         raise error
 
-    monkeypatch.setattr("glvis.optim.placement.evaluate_poses", fail)
+    monkeypatch.setattr("glvis.search.placement.evaluate_poses", fail)
     words = ["evaluate", str(study), "-o", str(tmp_path / "out")]
     if is_told:
         assert main(words) == 1

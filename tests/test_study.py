@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shapes import cube, icosphere
+from support.shapes import cube, icosphere
 
 from glvis.errors import StudyError
-from glvis.inputs.mounts import Variable
-from glvis.inputs.schema import MM_PER_UNIT, SwarmTable, VisibilityTable
-from glvis.inputs.study import load_study
-from glvis.optim.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
-from glvis.optim.search_options import SearchOptions
-from glvis.optim.swarm_options import SwarmOptions
-from glvis.sight.visibility import VisibilityOptions
+from glvis.problem.mounts import Variable
+from glvis.problem.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
+from glvis.problem.search_options import SearchOptions
+from glvis.problem.swarm_options import SwarmOptions
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.study.loading import load_study
+from glvis.study.schema import MM_PER_UNIT, SwarmTable, VisibilityTable
 
 # The format as its contract shows it, with meshes that are here.
 STUDY = """\

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-import shapes
+from support import shapes
 
 from glvis.errors import MachineError
-from glvis.inputs.scene import Model
-from glvis.sight import glsl, surface
-from glvis.sight.cast import has_compute
-from glvis.sight.clusters import Clusters
-from glvis.sight.surface import packed
+from glvis.problem.scene import Model
+from glvis.visibility import glsl, surface
+from glvis.visibility.cast import has_compute
+from glvis.visibility.clusters import Clusters
+from glvis.visibility.surface import packed
 
 
 def unpacked(words):

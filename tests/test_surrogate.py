@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapes import icosphere, write_off
-from small_study import SMALL, write_small_study
+from support.ball_and_ring import SMALL, write_ball_and_ring
+from support.shapes import icosphere, write_off
 
-from glvis.inputs.study import load_study
-from glvis.optim.auto_options import AutoOptions
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.surrogate import Occlusion, Surrogate
-from glvis.sight.filters import Limits, faces_in_camera, pass_filters
-from glvis.sight.visibility import VisibilityOptions
+from glvis.evaluation.evaluator import Evaluator
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.search.auto_options import AutoOptions
+from glvis.search.surrogate import Occlusion, Surrogate
+from glvis.study.loading import load_study
+from glvis.visibility.filters import Limits, faces_in_camera, pass_filters
 
 # one convex body seen from around it, by centres of mass: only the filters decide
 CONVEX = (
@@ -29,7 +29,7 @@ def positions(study, n, rng):
 
 @pytest.mark.parametrize("kind", ["of1", "of3"])
 def test_surrogate_is_the_value_where_nothing_hides_anything(tmp_path, rng, kind):
-    study = load_study(write_small_study(tmp_path, rng, CONVEX), [f"objective.kind={kind}"])
+    study = load_study(write_ball_and_ring(tmp_path, rng, CONVEX), [f"objective.kind={kind}"])
     x = positions(study, 100, rng)
     with Evaluator(study) as evaluator:
         surrogate = Surrogate(study)
@@ -41,7 +41,7 @@ def test_surrogate_is_the_value_where_nothing_hides_anything(tmp_path, rng, kind
 @pytest.mark.parametrize("by_area", ["false", "true"])
 def test_surrogate_of_counts_knows_how_many_faces_it_does_not_look_at(tmp_path, rng, by_area):
     two_sizes = CONVEX.replace('"tiny.off"', '"tiny.off", "fine.off"')
-    path = write_small_study(tmp_path, rng, two_sizes)
+    path = write_ball_and_ring(tmp_path, rng, two_sizes)
     write_off(tmp_path / "fine.off", icosphere(4))
     study = load_study(path, ["objective.normalize=false", f"objective.by_area={by_area}"])
     x = positions(study, 100, rng)
@@ -52,7 +52,7 @@ def test_surrogate_of_counts_knows_how_many_faces_it_does_not_look_at(tmp_path, 
 
 
 def test_surrogate_looks_at_some_faces_only_and_ranks_as_maps_do(tmp_path, rng):
-    study = load_study(write_small_study(tmp_path, rng), ["objective.kind=of1"])
+    study = load_study(write_ball_and_ring(tmp_path, rng), ["objective.kind=of1"])
     x = positions(study, 200, rng)
     with Evaluator(study) as evaluator:
         values, predicted = evaluator(x), Surrogate(study, AutoOptions(faces=100))(x, None)
@@ -62,7 +62,7 @@ def test_surrogate_looks_at_some_faces_only_and_ranks_as_maps_do(tmp_path, rng):
 
 
 def test_surrogate_of_a_position_does_not_depend_on_its_neighbours(tmp_path, rng):
-    study = load_study(write_small_study(tmp_path, rng))
+    study = load_study(write_ball_and_ring(tmp_path, rng))
     x, surrogate = positions(study, 150, rng), Surrogate(study)
     together = surrogate(x, None)
     assert together.shape == (150,)
@@ -71,7 +71,7 @@ def test_surrogate_of_a_position_does_not_depend_on_its_neighbours(tmp_path, rng
 
 
 def test_surrogate_ranks_better_after_it_has_learned_from_maps(tmp_path, rng):
-    study = load_study(write_small_study(tmp_path, rng), ["objective.kind=of1"])
+    study = load_study(write_ball_and_ring(tmp_path, rng), ["objective.kind=of1"])
     x, taught = positions(study, 200, rng), positions(study, 300, rng)
     surrogate, noted = Surrogate(study), []
     with Evaluator(study) as evaluator:
@@ -92,7 +92,7 @@ def evaluator_values(study, x):
 
 
 def test_surrogate_learns_each_pose_once_and_no_more_than_it_may(tmp_path, rng):
-    study = load_study(write_small_study(tmp_path, rng))
+    study = load_study(write_ball_and_ring(tmp_path, rng))
     surrogate, x = Surrogate(study, AutoOptions(poses=5)), positions(study, 3, rng)
     x[1, :2] = x[0, :2]  # the first sensor stays
     which = surrogate.unknown(np.concatenate([x, x]), None)
@@ -177,7 +177,7 @@ AXIS = {"criterion": "centroid", "incidence": "axis"}
 @pytest.mark.parametrize("options", [VisibilityOptions(**AXIS), VisibilityOptions.paper()])
 def test_surrogate_filters_by_the_studys_own_rule(tmp_path, rng, options):
     """Drift 2: incidence was measured by the ray even where the study says by the axis."""
-    study = replace(load_study(write_small_study(tmp_path, rng, CONVEX)), visibility=options)
+    study = replace(load_study(write_ball_and_ring(tmp_path, rng, CONVEX)), visibility=options)
     sensor = replace(study.sensors[0], max_incidence=np.radians(40))
     poses = study.rig.poses(positions(study, 40, rng))[:, 0]
     surrogate, (model,) = Surrogate(study), study.models

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glvis.optim.swarm import Swarm, SwarmOptions, _best_neighbours
+from glvis.search.swarm import Swarm, SwarmOptions, _best_neighbours
 
 SMALL = SwarmOptions(particles=20, iterations=60, stall_iterations=60, initial_span=1.0, seed=3)
 CUBE = np.tile([-5.0, 5.0], (3, 1))
@@ -626,9 +626,9 @@ def outside():
         dict(os.environ), str(np.random.get_state()),
     )
 before = outside()
-import glvis.optim.swarm
+import glvis.search.swarm
 assert "pyswarms" not in sys.modules, "pyswarms is imported before it is needed"
-from glvis.optim.swarm import Swarm, SwarmOptions
+from glvis.search.swarm import Swarm, SwarmOptions
 swarm = Swarm([[0, 1]] * 2, options=SwarmOptions(particles=5, iterations=3))
 while swarm.stop_reason is None:
     swarm.tell(-swarm.ask().sum(axis=1))

@@ -4,15 +4,19 @@ import math
 
 import numpy as np
 import pytest
-import shapes
-from studies import SMALL, write_small_study
+from support import shapes
+from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.camera import camera_to_world
+from glvis.cli.tolerance_words import (
+    loss_lines,
+    rounding_lines,
+    sensitivity_lines,
+    spread_lines,
+)
 from glvis.errors import StudyError
-from glvis.inputs.study import load_study
-from glvis.optim.placement import evaluate_poses
-from glvis.outputs.mounting import setting_of_pose
-from glvis.outputs.tolerance import (
+from glvis.problem.camera import camera_to_world
+from glvis.results.mounting import setting_of_pose
+from glvis.results.tolerance import (
     AXES,
     degrees_of,
     disturbed,
@@ -23,12 +27,8 @@ from glvis.outputs.tolerance import (
     without_each,
     worth,
 )
-from glvis.outputs.tolerance_words import (
-    loss_lines,
-    rounding_lines,
-    sensitivity_lines,
-    spread_lines,
-)
+from glvis.search.placement import evaluate_poses
+from glvis.study.loading import load_study
 
 # A wall of 40 x 20 that exactly fills the field of view from a distance of 20.
 WALL = """
@@ -63,7 +63,7 @@ def wall(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    return evaluate_poses(load_study(write_small_study(tmp_path_factory.mktemp("study"))))
+    return evaluate_poses(load_study(write_two_cubes(tmp_path_factory.mktemp("study"))))
 
 
 def test_a_wall_that_fills_the_view_is_lost_by_the_share_that_moves_out(wall):
@@ -220,7 +220,7 @@ def test_words_tell_lost_and_rounded(small):
 
 def test_settings_of_a_rolled_sensor_survive_rounding(tmp_path):
     text = SMALL.replace("direction = [0, 0, -1]", "direction = [0, 1, -1]")
-    placement = evaluate_poses(load_study(write_small_study(tmp_path, text)))
+    placement = evaluate_poses(load_study(write_two_cubes(tmp_path, text)))
     pose = rounded_poses(placement, 0, 1.0)[2]
     setting = setting_of_pose(pose, placement.study.up)
     assert (setting.pan_deg, setting.tilt_deg, setting.roll_deg) == pytest.approx((90, 45, 30))

@@ -4,12 +4,12 @@ import zipfile
 
 import numpy as np
 import pytest
-from shapes import corners, cube, icosphere, write_3mf, write_off
+from support.shapes import corners, cube, icosphere, write_3mf, write_off
 from test_scene import glb
 
-from glvis.inputs.scene import load_model
-from glvis.inputs.study import load_study
-from glvis.inputs.units import guess_words, mm_per_own_unit, own_up, unit_guess
+from glvis.problem.scene import load_model
+from glvis.problem.units import guess_words, mm_per_own_unit, own_up, unit_guess
+from glvis.study.loading import load_study
 
 STUDY = """\
 unit = "UNIT"

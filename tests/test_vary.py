@@ -6,11 +6,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from studies import SMALL, write_small_study
+from support.two_cubes import SMALL, write_two_cubes
 
 from glvis.errors import StudyError
-from glvis.inputs.study import load_study
-from glvis.inputs.vary import key_label, plan_runs
+from glvis.results.vary import key_label, plan_runs
+from glvis.study.loading import load_study
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 VARY = """
@@ -25,7 +25,7 @@ def planned(tmp_path):
     """Plan the runs of the small study with some text at its end."""
 
     def plan(text="", *options, repeats=1, overrides=()):
-        path = write_small_study(tmp_path, SMALL + text)
+        path = write_two_cubes(tmp_path, SMALL + text)
         return plan_runs(load_study(path, overrides), overrides, options, repeats)
 
     return plan
@@ -145,7 +145,7 @@ def test_variables_of_the_mounts_that_went_go_with_them_and_others_stay():
 def test_variable_stays_where_another_one_needs_it(tmp_path, variables, kept):
     text = SMALL.replace("{ min = 2, max = 6, start = 3 }", '"a"')
     text = text.replace("roll_deg = 30", 'roll_deg = "b"') + f"[variables]\n{variables}\n"
-    cut = load_study(write_small_study(tmp_path, text), ["mounts=1"])
+    cut = load_study(write_two_cubes(tmp_path, text), ["mounts=1"])
     assert {v.name for v in cut.variables} == kept
 
 
@@ -211,7 +211,7 @@ def test_wrong_option_is_named(planned, option, fact):
 
 @pytest.mark.parametrize("count", ["0", "3", "-1", "two", "1.5", "true"])
 def test_wrong_number_of_mounts_is_named(tmp_path, count):
-    path = write_small_study(tmp_path)
+    path = write_two_cubes(tmp_path)
     with pytest.raises(StudyError) as error:
         load_study(path, [f"mounts={count}"])
     fact = (
@@ -222,9 +222,9 @@ def test_wrong_number_of_mounts_is_named(tmp_path, count):
 
 
 def test_study_with_varied_keys_is_loaded_as_it_stands(tmp_path):
-    path = write_small_study(tmp_path, SMALL + VARY)
+    path = write_two_cubes(tmp_path, SMALL + VARY)
     study = load_study(path)
-    plain = load_study(write_small_study(tmp_path))
+    plain = load_study(write_two_cubes(tmp_path))
     assert study.vary == {"mounts": [1, 2], "swarm": {"particles": [4, 6, 8]}}
     assert tomllib.loads(study.text) == tomllib.loads(plain.text)
     assert dataclasses.replace(study.swarm) == plain.swarm

@@ -4,16 +4,12 @@ import math
 
 import numpy as np
 import pytest
-import shapes
-from sight import random_poses, seen, sensor
+from support import shapes
+from support.one_sensor import random_poses, seen, sensor
 
-from glvis.camera import camera_to_world
-from glvis.sight.visibility import (
-    VisibilityMap,
-    VisibilityOptions,
-    asks_about_points,
-    render_resolution,
-)
+from glvis.problem.camera import camera_to_world
+from glvis.problem.visibility_options import VisibilityOptions, asks_about_points, render_resolution
+from glvis.visibility.visibility_map import VisibilityMap
 
 BOTH = pytest.mark.parametrize("criterion", ["pixels", "centroid"])
 

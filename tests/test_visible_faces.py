@@ -5,9 +5,9 @@ import importlib
 
 import numpy as np
 import pytest
-import shapes
 import trimesh
-from sight import seen
+from support import shapes
+from support.one_sensor import seen
 
 import glvis
 
@@ -129,7 +129,7 @@ def test_an_obstacle_that_is_no_mesh_is_named():
         glvis.visible_faces(shapes.plate(1), np.eye(4), CAMERA, [shapes.plate(1), None])
 
 
-@pytest.mark.parametrize("module", ["camera", "inputs.sensor", "sight.visible_faces"])
+@pytest.mark.parametrize("module", ["problem.camera", "problem.sensor", "visibility.visible_faces"])
 def test_examples_in_docstrings_run(module):
     failed, tried = doctest.testmod(importlib.import_module(f"glvis.{module}"))
     assert tried > 0 and failed == 0

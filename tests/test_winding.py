@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import rooms
-from shapes import (
+from support import rooms
+from support.shapes import (
     Shape,
     blob,
     cube,
@@ -17,8 +17,8 @@ from shapes import (
     tube,
 )
 
-from glvis.inputs.scene import SUFFIXES, Model, load_model
-from glvis.inputs.winding import (
+from glvis.problem.scene import SUFFIXES, Model, load_model
+from glvis.problem.winding import (
     encloses,
     is_closed,
     is_in_solid,

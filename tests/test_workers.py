@@ -9,22 +9,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from same import assert_same_maps, some_jobs
-from small_study import write_small_study
+from support.ball_and_ring import write_ball_and_ring
+from support.equal_results import assert_same_maps, some_jobs
 
-import glvis.optim.workers
+import glvis.evaluation.workers
 from glvis.errors import MachineError
-from glvis.inputs.study import load_study
-from glvis.optim.evaluator import Evaluator
-from glvis.optim.jobs import job_timeout, share_out
-from glvis.optim.placement import place_sensors
-from glvis.optim.workers import Workers, available_cores
-from glvis.sight.maps import MapJob, MapScene
+from glvis.evaluation.evaluator import Evaluator
+from glvis.evaluation.jobs import job_timeout, share_out
+from glvis.evaluation.workers import Workers, available_cores
+from glvis.search.placement import place_sensors
+from glvis.study.loading import load_study
+from glvis.visibility.maps import MapJob, MapScene
 
 
 @pytest.fixture
 def study(tmp_path, rng):
-    return load_study(write_small_study(tmp_path, rng))
+    return load_study(write_ball_and_ring(tmp_path, rng))
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def test_worker_that_is_killed_is_replaced_and_nothing_is_lost(study, jobs):
 def test_worker_that_hangs_is_replaced_and_nothing_is_lost(study, jobs):
     workers = Workers(MapScene.of(study), 2, timeout=1.0)
     while not all(worker.is_ready for worker in workers._crew):
-        workers._listen(glvis.optim.workers._Call())
+        workers._listen(glvis.evaluation.workers._Call())
     frozen = processes(workers)[1]
     os.kill(frozen.pid, signal.SIGSTOP)
     made = list(workers.make(jobs))
@@ -156,7 +156,7 @@ def test_timeout_is_a_multiple_of_the_longest_job_within_limits(poses, slowest, 
 def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
     crews = []
     monkeypatch.setattr(
-        "glvis.optim.placement.Workers", lambda *args: crews.append(Workers(*args)) or crews[0]
+        "glvis.search.placement.Workers", lambda *args: crews.append(Workers(*args)) or crews[0]
     )
 
     def kill(progress):
@@ -171,13 +171,13 @@ def test_warning_of_a_replaced_worker_is_part_of_the_result(study, monkeypatch):
 
 
 def test_maps_that_kill_every_worker_end_the_run(study, jobs, monkeypatch):
-    give = glvis.optim.workers._Worker.give
+    give = glvis.evaluation.workers._Worker.give
 
     def deadly(self, tag, job):
         give(self, tag, job)
         self.process.kill()
 
-    monkeypatch.setattr(glvis.optim.workers._Worker, "give", deadly)
+    monkeypatch.setattr(glvis.evaluation.workers._Worker, "give", deadly)
     workers = Workers(MapScene.of(study), 1)
     with pytest.raises(MachineError, match=r"worker 1 died \(SIGKILL\), as others before over the"):
         list(workers.make(jobs[:1]))
@@ -185,7 +185,7 @@ def test_maps_that_kill_every_worker_end_the_run(study, jobs, monkeypatch):
 
 
 def test_workers_that_die_at_their_start_end_the_run(study, monkeypatch):
-    monkeypatch.setattr("glvis.optim.workers.sys.executable", "/bin/false")
+    monkeypatch.setattr("glvis.evaluation.workers.sys.executable", "/bin/false")
     with pytest.raises(
         MachineError, match=r"worker 1 died \(exit code 1\) at its start, as others"
     ):
@@ -223,13 +223,13 @@ def test_maps_that_nobody_waits_for_any_more_are_forgotten(study, jobs):
 def test_workers_end_with_the_process_that_started_them(study):
     script = (
         "import sys, time\n"
-        "from glvis.sight.maps import MapScene\nfrom glvis.inputs.study import load_study\n"
-        "from glvis.optim.workers import Workers\n"
+        "from glvis.visibility.maps import MapScene\nfrom glvis.study.loading import load_study\n"
+        "from glvis.evaluation.workers import Workers\n"
         "workers = Workers(MapScene.of(load_study(sys.argv[1])), 1)\n"
         "print(workers._crew[0].process.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
-    root = Path(glvis.optim.workers.__file__).parents[1]
+    root = Path(glvis.evaluation.workers.__file__).parents[1]
     parent = subprocess.Popen(
         [sys.executable, "-c", script, str(study.path)], stdout=subprocess.PIPE, cwd=root
     )
@@ -264,7 +264,7 @@ def test_workers_leave_the_threads_to_the_user(study, monkeypatch):
 def test_cores_are_those_that_the_process_may_use(monkeypatch):
     allowed = len(os.sched_getaffinity(0))
     assert 1 <= available_cores() <= allowed
-    monkeypatch.setattr("glvis.optim.workers._cgroup_limit", lambda: "max 100000")
+    monkeypatch.setattr("glvis.evaluation.workers._cgroup_limit", lambda: "max 100000")
     assert available_cores() == allowed
-    monkeypatch.setattr("glvis.optim.workers._cgroup_limit", lambda: "150000 100000")
+    monkeypatch.setattr("glvis.evaluation.workers._cgroup_limit", lambda: "150000 100000")
     assert available_cores() == 1

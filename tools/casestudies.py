@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 try:
-    from glvis.inputs.study import Study, load_study
+    from glvis.problem.study import Study
+    from glvis.study.loading import load_study
 except ImportError:
     sys.exit(
         "glvis is not installed in this Python; run tools/demo once, then .venv/bin/python TOOL"

@@ -31,9 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tools")]
 
 try:
-    import kinds
     import numpy as np
-    import verdicts
     from measuring import (
         SHARED,
         Embree,
@@ -45,14 +43,15 @@ try:
         device,
         taking_turns,
     )
-    from verdicts import Way
+    from support import kinds, verdicts
+    from support.verdicts import Way
 
-    import glvis.sight.context as gl
+    import glvis.visibility.context as gl
     from glvis.errors import MachineError
-    from glvis.sight.cast import has_compute
-    from glvis.sight.maps import LocalMaps, MapJob, MapScene
-    from glvis.sight.selftest import can_cast, check_driver
-    from glvis.sight.visibility import VisibilityOptions
+    from glvis.problem.visibility_options import VisibilityOptions
+    from glvis.visibility.cast import has_compute
+    from glvis.visibility.maps import LocalMaps, MapJob, MapScene
+    from glvis.visibility.selftest import can_cast, check_driver
 except ImportError as error:
     sys.exit(f"gpu_check: {error}; run it in a checkout, by a Python that has what glvis needs")
 
@@ -64,7 +63,7 @@ class Plan:
     Attributes
     ----------
     kinds : tuple of str
-        Meshes that are held against rays, by their names in tests/kinds.py.
+        Meshes that are held against rays, by their names in tests/support/kinds.py.
     most_rounds : int
         How often poses are drawn about each of them, five at a time.
     faces : tuple of int

@@ -32,7 +32,7 @@ TABLE_8 = {
 
 # Where the time of maps goes: module, class or "", what is called, and the step that it is. Who is
 # not there any more has no row.
-_CAST, _DRAW, _MAPS = (f"glvis.sight.{name}" for name in ("cast", "draw", "maps"))
+_CAST, _DRAW, _MAPS = (f"glvis.visibility.{name}" for name in ("cast", "draw", "maps"))
 _STEPS: tuple[tuple[str, str, str, str], ...] = (
     (_MAPS, "", "cull", "culling, NumPy"),
     (_CAST, "Caster", "answer", "lists and marking, NumPy"),
@@ -41,10 +41,10 @@ _STEPS: tuple[tuple[str, str, str, str], ...] = (
     (_CAST, "Caster", "_hide", "GPU: hide"),
     (_CAST, "Caster", "_found", "read-back"),
     (_DRAW, "Drawer", "visible", "GPU: draw"),
-    ("glvis.sight.renderer", "Renderer", "_read_ids", "read-back"),
+    ("glvis.visibility.renderer", "Renderer", "_read_ids", "read-back"),
     (_DRAW, "", "pixels_of_faces", "marking, NumPy"),
-    ("glvis.sight.coincident", "Coincident", "pixels_shared", "marking, NumPy"),
-    ("glvis.sight.rays", "", "visible", "points, NumPy"),
+    ("glvis.visibility.coincident", "Coincident", "pixels_shared", "marking, NumPy"),
+    ("glvis.visibility.rays", "", "visible", "points, NumPy"),
 )
 
 
@@ -72,7 +72,7 @@ def arm_study(criterion: str, resolution: str = '"auto"'):
 
 def maker_of(model, sensor, options):
     """Return a function from poses (N, 4, 4) to the maps of a model, (N, F) bool."""
-    from glvis.sight.maps import LocalMaps, MapJob, MapScene
+    from glvis.visibility.maps import LocalMaps, MapJob, MapScene
 
     maps = LocalMaps(MapScene((model,), (), (sensor,), options))
 
@@ -85,7 +85,7 @@ def maker_of(model, sensor, options):
 
 def dented_ball(n_faces: int):
     """Return a closed mesh of about ``n_faces`` even faces, dented so that it hides parts."""
-    from glvis.inputs.scene import Model
+    from glvis.problem.scene import Model
 
     n = max(2, round(math.sqrt(n_faces / 12)))
     u = np.tan(np.linspace(-math.pi / 4, math.pi / 4, n + 1))
@@ -107,8 +107,8 @@ def dented_ball(n_faces: int):
 
 def ball_views(n: int):
     """Return n poses around a ball that see it whole, and the sensor."""
-    from glvis.camera import Intrinsics, camera_to_world
-    from glvis.inputs.sensor import Sensor
+    from glvis.problem.camera import Intrinsics, camera_to_world
+    from glvis.problem.sensor import Sensor
 
     k = np.arange(n) + 0.5
     z, turn = 1 - 2 * k / n, math.pi * (1 + math.sqrt(5)) * k
@@ -279,7 +279,7 @@ class Profile:
         self.seconds[self.REST] = max(0.0, whole - sum(self.seconds.values()))
 
     def _timed(self, step: str, work: Callable[..., Any]) -> Callable[..., Any]:
-        from glvis.sight.context import gl_context
+        from glvis.visibility.context import gl_context
 
         @functools.wraps(work)
         def wrapped(*arguments: Any, **options: Any) -> Any:
@@ -312,7 +312,7 @@ def agreement(ours, theirs) -> float:
 
 def device() -> dict:
     """Say what this ran on."""
-    from glvis.sight.context import gl_info
+    from glvis.visibility.context import gl_info
 
     info, about = gl_info(), Path("/proc/cpuinfo")
     cpu = next(

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from casestudies import SCENES
 
-from glvis.inputs.scene import Model
-from glvis.optim.placement import Placement, evaluate_poses
-from glvis.outputs.result import sha256, versions
-from glvis.outputs.tables import ModelRow, mean_row, model_rows
-from glvis.outputs.within_reach import reach_rows
-from glvis.sight.visibility import VisibilityOptions
-from glvis.terminal import duration
+from glvis.cli.terminal import duration
+from glvis.problem.scene import Model
+from glvis.problem.visibility_options import VisibilityOptions
+from glvis.results.result import sha256, versions
+from glvis.results.tables import ModelRow, mean_row, model_rows
+from glvis.results.within_reach import reach_rows
+from glvis.search.placement import Placement, evaluate_poses
 
 # Table 5, Table 6 and the text of Sec. 3.1 and 3.2.
 PARTICLES, MOST_ITERATIONS, STALL = 300, 200, 30
@@ -115,7 +115,7 @@ def page_lines(
     yield "# The paper, reproduced"
     yield ""
     yield "Buonamici et al. 2020, Sec. 3, beside the same studies run by glvis. All of this page is"
-    yield "written by `tools/reproduce` from the results of its runs; no number of ours is typed."
+    yield "written by `tools/reproduce.py` from results of its runs; no number of ours is typed."
     yield ""
     yield from _arm_lines(runs)
     yield from _kitchen_lines(runs)
@@ -137,7 +137,7 @@ def _arm_lines(runs: Mapping[str, Sequence[Run]]) -> Iterator[str]:
     yield "## The arm scanner (Sec. 3.1)"
     yield ""
     if not runs["arms"]:
-        yield from ("Not run yet: `tools/reproduce --only arms`.", "")
+        yield from ("Not run yet: `tools/reproduce.py --only arms`.", "")
         return
     run = runs["arms"][0]
     yield from _made_by(runs["arms"], "arms")
@@ -242,7 +242,7 @@ def _kitchen_lines(runs: Mapping[str, Sequence[Run]]) -> Iterator[str]:
     yield ""
     done = {n: runs[f"kitchen-{n}"] for n in TABLE_11 if runs[f"kitchen-{n}"]}
     if not done:
-        yield from ("Not run yet: `tools/reproduce --only kitchen`.", "")
+        yield from ("Not run yet: `tools/reproduce.py --only kitchen`.", "")
         return
     yield from _made_by([run for found in done.values() for run in found], "kitchen")
     header = (
@@ -280,7 +280,7 @@ def _made_by(runs: Sequence[Run], part: str) -> Iterator[str]:
             continue
         found = some[0].placement
         swarm, is_shipped = found.study.swarm, all(map(_is_shipped, found.study.models))
-        command = f"tools/reproduce{' --quick' if is_quick else ''} --only {part}"
+        command = f"tools/reproduce.py{' --quick' if is_quick else ''} --only {part}"
         repeats = max(Counter(run.placement.study.title for run in some).values())
         command += f" --repeats {repeats}" if part == "kitchen" else ""
         command += "" if is_shipped else " --data DIR"

@@ -1,1 +1,1 @@
-"""The page that is walked around in."""
+"""The page that shows a result in a browser."""

@@ -21,16 +21,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.drawing.palette import (
+from glvis.common.palette import (
     OBSTACLE_COLOR,
     SEEN_COLOR,
     hex_color,
     overlap_colors,
     sensor_colors,
 )
-from glvis.drawing.places import unit_word
-from glvis.sight.filters import Refusal
-from glvis.sight.glsl import shader_source
+from glvis.problem.units import unit_word
+from glvis.visibility.filters import Refusal
+from glvis.visibility.glsl import shader_source
 
 _VIEWER = Path(__file__).resolve().parent
 # One script, in this order: a page opened from disk may not import modules from beside it.

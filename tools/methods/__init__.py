@@ -1,4 +1,4 @@
-"""Search methods for comparison only, as scripts of ``glvis.optim.script``; see compare_methods."""
+"""Search methods for comparison only: scripts of ``glvis.search.script``; see compare_methods."""
 
 from methods.covariance import cma
 from methods.differential import differential_evolution

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from glvis.common.hints import installed_by
 from glvis.errors import MachineError
-from glvis.hints import installed_by
-from glvis.optim.script import Floats, Problem, Script
+from glvis.search.script import Floats, Problem, Script
 
 METHOD = "cma"
 _STEP = 0.25  # first one, in shares of the range: a quarter, as pycma's documentation advises

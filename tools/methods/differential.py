@@ -15,7 +15,7 @@ import sys
 from queue import SimpleQueue
 from threading import Thread
 
-from glvis.optim.script import Floats, Problem, Script
+from glvis.search.script import Floats, Problem, Script
 
 METHOD = "de"
 

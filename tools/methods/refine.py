@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.optim.box import Box
-from glvis.optim.script import Block, Floats, Problem, Script
+from glvis.search.box import Box
+from glvis.search.script import Block, Floats, Problem, Script
 
 METHOD = "refine"
 _STEP = 0.1  # first step, as a share of each variable's range

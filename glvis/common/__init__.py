@@ -1,0 +1,1 @@
+"""What every layer may use: words of errors, reading of files, kinds of values."""

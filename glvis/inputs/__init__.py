@@ -1,1 +1,0 @@
-"""What the user writes: study files, meshes, sensors, mounts; read, checked, ready to run."""

@@ -1,1 +1,0 @@
-"""The optimisation, Sec. 2.2 of the paper: objectives, search methods, workers, checkpoints."""

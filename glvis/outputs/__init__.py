@@ -1,1 +1,0 @@
-"""What comes out: the result folder, tables, explanations, files for other tools."""

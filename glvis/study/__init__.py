@@ -1,0 +1,1 @@
+"""The study file: TOML read, checked, overridden, and written for whoever begins."""
