@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import kinds, oracle, shapes
 from support.figures import Truth
-from support.judge import NEAREST, Judge
+from support.judge import Judge
 from support.oracle import Eye
 from support.verdicts import AROUND, INSIDE, NEAR, corners_of, poses_about, size_of
 
@@ -22,9 +22,9 @@ def sheets(*gaps: float) -> np.ndarray:
 def test_the_judge_says_what_the_ray_caster_says(kind, rng):
     corners = corners_of(kinds.KINDS[kind]())
     eye = Eye(60, 45, max_distance=3 * size_of(corners)[1], max_incidence_deg=75)
-    rules = oracle.Rules(clip_near=NEAREST * eye.max_distance)
     for pose in poses_about(rng, corners, (AROUND, INSIDE, NEAR)):
-        judge, arguments = Judge(pose, eye, corners), (corners, None, rules)
+        judge = Judge(pose, eye, corners)
+        arguments = corners, None, oracle.Rules(clip_near=judge.clip)
         centres = judge.centroids()
         differs = centres.free != oracle.centroid_visible(pose, eye, *arguments)
         assert not (differs & ~centres.doubtful).any()
@@ -60,7 +60,9 @@ def test_obstacles_hide_and_what_is_very_near_does_not():
     small = corners_of(shapes.plate(0.5, center=(0, 0, -1)))
     hidden = ~Judge(np.eye(4), EYE, sheets(0), small).centroids().free
     assert hidden.all()
-    near = corners_of(shapes.plate(0.5, center=(0, 0, -0.99e-3 * EYE.max_distance)))
+    clip = Judge(np.eye(4), EYE, sheets(0)).clip
+    assert clip == 1e-3 * min(4 * 2, EYE.max_distance)
+    near = corners_of(shapes.plate(0.5, center=(0, 0, -0.99 * clip)))
     assert Judge(np.eye(4), EYE, sheets(0), near).centroids().surely.all()
 
 

@@ -27,7 +27,7 @@ def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_dis
     poses = np.asarray(poses).reshape(-1, 4, 4)
     n = len(poses)
     limits = Limits((tan, tan), min_distance, max_distance)
-    return Views(poses, sensor(), limits, np.full(n, near), np.full(n, far))
+    return Views(poses, sensor(), limits, *(np.full(n, z) for z in (far, near, far)))
 
 
 def ids(shape, poses=DOWN, size=(4, 4), *, tiles=1, refused_hide=True, **view):

@@ -111,6 +111,28 @@ def test_a_near_plate_is_not_counted_but_still_hides_the_wall(criterion):
     ]
 
 
+@pytest.mark.parametrize("far", [400.0, 1e6, 1e12])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"criterion": "centroid", "resolution": "auto"},
+        {"criterion": "centroid", "resolution": "auto", "casts": False},
+        {"resolution": "auto"},
+        {"resolution": (200, 200)},
+        {"semantics": "paper", "criterion": "centroid", "incidence": "axis", "occlusion": "paper"},
+    ],
+    ids=["cast", "rays", "pixels", "drawn", "paper"],
+)
+def test_a_range_without_end_moves_nothing(options, far):
+    # a hundredth of the wall's depth before the eye, far below a thousandth of such a range
+    plate = shapes.plate(2, center=(0, 0, -3))
+    wall = shapes.plate(300, center=(0, 0, -300), cells=(30, 30))
+    visible = seen(wall, obstacles=[plate], device=sensor(far=far), **options)
+    assert np.array_equal(visible, seen(wall, obstacles=[plate], device=sensor(far=400), **options))
+    off = np.abs(wall[0][wall[1]].mean(axis=1)[:, :2]).max(axis=1)  # the shadow ends at 100
+    assert not visible[off < 95].any() and visible[off > 105].all()
+
+
 @BOTH
 def test_beyond_the_far_end_of_the_range_nothing_counts(criterion):
     wall = shapes.plate(4, center=(0, 0, -5))

@@ -317,7 +317,7 @@ _READERS: dict[str, Callable[[Path], tuple[NDArray[Any], NDArray[Any]]]] = {
 def _read_by_trimesh(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return vertices and faces of every geometry of a file, placed by its transforms."""
     # half a second to import, and STL, OBJ and OFF do without
-    import trimesh  # noqa: TID251
+    import trimesh
 
     kind = path.suffix[1:].upper()
     try:

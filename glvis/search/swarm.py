@@ -386,7 +386,7 @@ def _pyswarms() -> Any:
     before = os.environ.get("LOG_CFG")
     os.environ["LOG_CFG"] = str(_QUIET_LOGGING)
     try:
-        import pyswarms.backend  # noqa: TID251 (this is the one door)
+        import pyswarms.backend
     finally:
         del os.environ["LOG_CFG"]
         if before is not None:

@@ -13,6 +13,7 @@ centre is not free.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ class Caster:
     def __init__(self) -> None:
         self._buffers: dict[str, Any] = {}
         self._textures: dict[tuple[str, int], Any] = {}  # by width, too: models take turns
-        self._grids: dict[tuple[Surface, Sensor], tuple[int, int]] = {}
+        self._grids: dict[tuple[Surface, Sensor, float], tuple[int, int]] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -104,7 +105,7 @@ class Caster:
         """
         found = []
         for target in scene.targets:
-            grid = self._grid(target, views.sensor)
+            grid = self._grid(target, views)
             question = Question(scene, target, grid, large_faces(options))
             visible = self.answer(question, views, culled)
             if visible is None:
@@ -130,10 +131,13 @@ class Caster:
                 return None
         return visible
 
-    def _grid(self, target: Surface, sensor: Sensor) -> tuple[int, int]:
-        if (target, sensor) not in self._grids:
-            self._grids[target, sensor] = grid_size(sensor, target.clusters.model)
-        return self._grids[target, sensor]
+    def _grid(self, target: Surface, views: Views) -> tuple[int, int]:
+        sensor, far = views.sensor, float(views.reach.max())
+        # to the next power of two: a few grids serve all poses
+        far = min(sensor.max_distance, 2.0 ** math.ceil(math.log2(far)))
+        if (target, sensor, far) not in self._grids:
+            self._grids[target, sensor, far] = grid_size(sensor, target.clusters.model, far)
+        return self._grids[target, sensor, far]
 
     def _see(self, batch: Batch, poses: Floats, visible: Bools) -> bool:
         """Mark what the views of a batch see, in place, (n, F) bool; return if all is found."""

@@ -27,14 +27,18 @@ from glvis.visibility.filters import (
 from glvis.visibility.gpu_scene import GpuScene
 from glvis.visibility.occlusion import unhidden
 from glvis.visibility.points import corners_in_camera
-from glvis.visibility.views import NEAREST, Views
+from glvis.visibility.views import Views
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
 def paper_map(
-    model: Model, obstacles: Sequence[Model], camera_to_world: Floats, limits: Limits
+    model: Model,
+    obstacles: Sequence[Model],
+    camera_to_world: Floats,
+    limits: Limits,
+    near: float = 0.0,
 ) -> Bools:
     """Return which faces of a model a sensor sees by the paper's rules, (F,) bool: a row of the VM.
 
@@ -48,6 +52,8 @@ def paper_map(
         The pose.
     limits : Limits
         Of the sensor, under ``VisibilityOptions.paper()``.
+    near : float
+        Depth before which nothing hides, scene unit; the paper has no such plane.
     """
     faces = faces_in_camera(model, camera_to_world, VisibilityOptions.paper())
     x, y, depth = faces.points  # of the corners
@@ -67,7 +73,6 @@ def paper_map(
     triangles = [corners]
     for obstacle in obstacles:
         triangles.append(corners_in_camera(obstacle, np.arange(obstacle.n_faces), camera_to_world))
-    near = NEAREST * limits.max_distance
     seen[left[before]] = unhidden(centres[:, before], np.concatenate(triangles, axis=2), near)
     # 5. CropNear: what has a vertex nearer than minD is not seen, though it did hide
     return seen & crop_near(depth, limits).all(axis=0)
@@ -82,7 +87,7 @@ def visible(
     for target in scene.targets:
         model = target.clusters.model
         visible = np.zeros((len(views), model.n_faces), dtype=bool)
-        for seen, pose in zip(visible, views.camera_to_world, strict=True):
-            seen[:] = paper_map(model, obstacles, pose, views.limits)
+        for seen, pose, near in zip(visible, views.camera_to_world, views.near, strict=True):
+            seen[:] = paper_map(model, obstacles, pose, views.limits, near)
         found.append(visible)
     return found

@@ -112,14 +112,14 @@ def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
     return np.where(is_before, shares, np.inf)
 
 
-def grid_size(sensor: Sensor, model: Model) -> tuple[int, int]:
-    """Return cells (columns, rows) about as large as the faces of a model far from a sensor."""
+def grid_size(sensor: Sensor, model: Model, far: float) -> tuple[int, int]:
+    """Return cells (columns, rows) about as large as a model's faces ``far`` from a sensor."""
     tan_x, tan_y = (float(tan) for tan in sensor.intrinsics.tan_half)
     longer = max(tan_x, tan_y)
     areas = model.areas[model.areas > 0]
     # of needles, many lie side by side where one edge reaches
     side = min(model.mean_edge, math.sqrt(2 * float(np.median(areas))))
-    focal = _CELLS_A_SIDE * sensor.max_distance / side
+    focal = _CELLS_A_SIDE * far / side
     focal = min(max(focal, _FEWEST / 2 / longer), _MOST / 2 / longer)
     return math.ceil(2 * focal * tan_x), math.ceil(2 * focal * tan_y)
 

@@ -58,6 +58,7 @@ def visible_of(
     large = large_faces(options)
     visible = np.zeros((len(views), model.n_faces), dtype=bool)
     for view, (seen, pose) in enumerate(zip(visible, views.camera_to_world, strict=True)):
+        near = views.near[view]
         places = clusters.places_in(culled.countable[view, scene.columns[target]])
         faces = centres_in_camera(table, places, pose)
         triangles = []
@@ -69,13 +70,13 @@ def visible_of(
                 hiding = faces.index[face_camera(faces, views.limits)]
             triangles.append(corners_in_camera(surface.clusters.model, hiding, pose))
         occluders = np.concatenate(triangles, axis=2)
-        _mark(seen, faces[pass_filters(faces, views.limits)], occluders, views)
+        _mark(seen, faces[pass_filters(faces, views.limits)], occluders, near)
         if large is None:
             continue
         for n in (large.few, large.many):
-            closer = _unseen_large(large, n, places, target, seen, pose, views)
+            closer = _unseen_large(large, n, places, target, seen, pose, views, near)
             parts = parts_in_camera(table, model, closer, pose, n)
-            _mark(seen, parts[pass_filters(parts, views.limits)], occluders, views)
+            _mark(seen, parts[pass_filters(parts, views.limits)], occluders, near)
     return visible
 
 
@@ -87,6 +88,7 @@ def _unseen_large(
     seen: Bools,
     pose: Floats,
     views: Views,
+    near: float,
 ) -> Indices:
     """Return which of some faces that are not seen (F,) are judged by n x n points."""
     table, model = target.clusters.table, target.clusters.model
@@ -98,11 +100,11 @@ def _unseen_large(
     tan_half, limits = views.tan_half[:, None], views.limits
     kept = may_pass(corners, tan_half, [[limits.min_distance], [limits.max_distance]])
     places, index, corners = places[kept], index[kept], corners[..., kept]
-    shares = spans(corners, tan_half, views.near)
+    shares = spans(corners, tan_half, near)
     touches = beside(target.clusters, seen[None], np.zeros(len(index), dtype=int), index)
     return places[large.are_looked_at(n, shares, touches)]
 
 
-def _mark(seen: Bools, faces: CameraFaces, occluders: Floats, views: Views) -> None:
+def _mark(seen: Bools, faces: CameraFaces, occluders: Floats, near: float) -> None:
     """Mark the faces (F,) bool, in place, of which a point is not hidden by (3, 3, T) triangles."""
-    seen[faces.index[unhidden(faces.points[:, 0], occluders, views.near)]] = True
+    seen[faces.index[unhidden(faces.points[:, 0], occluders, near)]] = True

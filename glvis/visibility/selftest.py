@@ -74,7 +74,8 @@ def _view() -> Views:
     """Return the view of the scenes here: straight down, 8 x 8 units wide at the wall."""
     sensor = Sensor("self-test", Intrinsics.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
     pose = camera_to_world([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0))
-    return Views(pose, sensor, Limits((0.5, 0.5), 2.0, 9.0), np.array([1.0]), np.array([10.0]))
+    reach, near, far = np.array([[9.0], [1.0], [10.0]])
+    return Views(pose, sensor, Limits((0.5, 0.5), 2.0, 9.0), reach, near, far)
 
 
 def _wall_grid(cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

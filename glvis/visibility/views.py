@@ -19,8 +19,11 @@ from glvis.visibility.filters import Limits
 
 Floats = NDArray[np.float64]
 
-NEAREST = 1e-3  # share of maxD: what is nearer to the eye hides nothing
-# Far plane as a share of maxD: nothing that is in range is hidden by what lies beyond.
+NEAREST = 1e-3  # share of a view's reach: what is nearer to the eye hides nothing
+# A view reaches to maxD, or to so many times the depth of the scene where that is less: a maxD
+# beyond all things ("no limit") must not move the near plane among them.
+_DEEPEST = 4.0
+# Far plane as a share of the reach: nothing that is in range is hidden by what lies beyond.
 _FARTHEST = 2.0
 _MARGIN = 1.001  # against rounding, around the clip planes
 
@@ -37,6 +40,8 @@ class Views:
         Whose.
     limits : Limits
         What its filters hold faces against.
+    reach : (N,) float64
+        Depth up to which anything is seen, or there is nothing; scene unit.
     clip_near, clip_far : (N,) float64
         Clip planes, beyond both ends of what can show.
     """
@@ -44,6 +49,7 @@ class Views:
     camera_to_world: Floats
     sensor: Sensor
     limits: Limits
+    reach: Floats
     clip_near: Floats
     clip_far: Floats
 
@@ -68,14 +74,16 @@ class Views:
         eye = np.sum(backwards * camera_to_world[:, :3, 3], axis=1)
         # of the boxes; summed row by row, so that it does not depend on the others
         depth = eye[:, None] - np.sum(backwards[:, None] * corners, axis=2)
+        deepest, most = depth.max(axis=1), sensor.max_distance
+        reach = np.where(deepest > 0, np.minimum(most, _DEEPEST * deepest), most)
         # Planes beyond the scene on both sides cut no face and leave the depth buffer its bits.
-        most = sensor.max_distance
-        clip_far = np.minimum(np.maximum(depth.max(axis=1), most), _FARTHEST * most)
-        clip_near = np.minimum(np.maximum(depth.min(axis=1), NEAREST * most), clip_far / 2)
+        clip_far = np.minimum(np.maximum(deepest, reach), _FARTHEST * reach)
+        clip_near = np.minimum(np.maximum(depth.min(axis=1), NEAREST * reach), clip_far / 2)
         return cls(
             camera_to_world,
             sensor,
             Limits.of(sensor, options),
+            reach,
             clip_near / _MARGIN,
             clip_far * _MARGIN,
         )
@@ -84,9 +92,9 @@ class Views:
         return len(self.camera_to_world)
 
     @property
-    def near(self) -> float:
-        """Depth before which nothing hides, scene unit."""
-        return NEAREST * self.limits.max_distance
+    def near(self) -> Floats:
+        """Depths before which nothing hides, (N,), scene unit."""
+        return NEAREST * self.reach
 
     @property
     def tan_half(self) -> Floats:

@@ -69,7 +69,6 @@ def visible_faces(
     -----
     Each call sends the mesh to the GPU anew; give it many poses at a time, or use ``Evaluator``.
     Large faces are not cut into pieces, as studies do: a floor of two triangles counts whole.
-    Nothing nearer than a thousandth of the sensor's ``max_distance`` hides: give a real range.
     """
     poses = _checked_poses(camera_to_world)
     model = _model_of(mesh, "mesh")

@@ -7,7 +7,9 @@ are those of the project's method:
 - A ray to a point is free where nothing lies before the point by more than 1e-9 of the way. So
   faces that coincide do not hide each other: each that faces the sensor and passes is seen.
 - Both sides of every face hide, whatever the filters say of it; faces of no area never count.
-- Nothing nearer than a thousandth of maxD hides, and what is seen of points there is left open.
+- Nothing nearer than a thousandth of the reach hides, and what is seen of points there is left
+  open.
+  The reach is maxD, or four times the depth of the deepest vertex where that is less.
 
 A sample is *doubtful* where float32 numbers cannot tell: where a limit of a filter or an
 occluder's edge is nearer than rounding, or where an occluder's plane passes before the point, but
@@ -29,7 +31,8 @@ import numpy as np
 
 from support.oracle import Eye, part_centroids, pixel_directions
 
-NEAREST = 1e-3  # share of maxD before which nothing hides
+NEAREST = 1e-3  # share of the reach before which nothing hides
+DEEPEST = 4.0  # times the depth of the scene: no view reaches further
 _SHARE = 1e-6  # of the distance: rounding of directions and depths
 _CLEAR = 2e-7  # of the distance: rounding of how far a point is from an occluder's plane
 _STEPS = 4  # float32 steps of the scene's coordinates: rounding of all that is relative to them
@@ -204,6 +207,11 @@ class Judge:
         The sensor's angles and limits.
     triangles, obstacles : (F, 3, 3), (O, 3, 3) float64
         The model, and what only hides.
+
+    Attributes
+    ----------
+    clip : float
+        Depth before which nothing hides.
     """
 
     def __init__(
@@ -218,8 +226,9 @@ class Judge:
         everything = np.concatenate([own, others])
         self.eye, self.n = eye, len(own)
         self._corners = (everything - pose[:3, 3]) @ pose[:3, :3]
-        self._clip = NEAREST * eye.max_distance if math.isfinite(eye.max_distance) else 0.0
-        self._fan = Fan(self._corners, self._clip)
+        deepest = -float(self._corners[..., 2].min())
+        self.clip = NEAREST * min(eye.max_distance, DEEPEST * max(deepest, 0.0))
+        self._fan = Fan(self._corners, self.clip)
         middle = (own.min(axis=(0, 1)) + own.max(axis=(0, 1))) / 2
         # float32 holds coordinates relative to the model's middle to this, of each and of all
         reach = np.linalg.norm(everything - middle, axis=2).max(axis=1)
@@ -266,7 +275,7 @@ class Judge:
     def look(self, points: np.ndarray, own: np.ndarray) -> Verdict:
         """Return the verdict on points (R, 3) of faces ``own`` (R,)."""
         margin = self._margin(points, own)
-        is_open = (np.abs(margin) < 1) | (-points[:, 2] < self._clip * (1 + _SHARE))
+        is_open = (np.abs(margin) < 1) | (-points[:, 2] < self.clip * (1 + _SHARE))
         free, doubtful = np.zeros(len(own), dtype=bool), np.zeros(len(own), dtype=bool)
         some = np.flatnonzero((margin > -1) & self._has_area[own])
         hidden, unsure = self._hidden(points[some], own[some])
@@ -371,8 +380,8 @@ class Judge:
             clear = (nearness - 1) * np.abs(self._fan.height[face])
             depth = -points[ray, 2]
             sure = (inside >= inner) & (clear > _CLEAR * length[ray] + self._rounding)
-            sure &= depth >= self._clip * (1 + _SHARE) * nearness
-            possible = depth * _PLANES_OFF >= self._clip * (1 - _SHARE) * nearness
+            sure &= depth >= self.clip * (1 + _SHARE) * nearness
+            possible = depth * _PLANES_OFF >= self.clip * (1 - _SHARE) * nearness
             surely[ray[sure]] = True
             possibly[ray[possible]] = True
             np.maximum.at(widest, ray[possible], margin[possible])
@@ -410,7 +419,7 @@ class Judge:
         Of P pairs: ray, triangle, the angle inside, the nearness; beyond the clip plane alone.
         """
         # rounding moves the edges of what is nearest most
-        margin = min(_SHARE + self._rounding / max(self._clip, 1e-300), 1e-3)
+        margin = min(_SHARE + self._rounding / max(self.clip, 1e-300), 1e-3)
         found: list[tuple[np.ndarray, ...]] = []
         for mine, some in self._fan.cells(rays):
             inside, near = self._fan.meets(rays[mine], some)
@@ -424,5 +433,5 @@ class Judge:
                 np.zeros(0),
             )
         ray, face, inside, near = map(np.concatenate, zip(*found, strict=True))
-        beyond = near * self._clip <= 1
+        beyond = near * self.clip <= 1
         return ray[beyond], face[beyond], inside[beyond], near[beyond]

@@ -98,7 +98,7 @@ class Looking:
         return visible
 
     def question(self, device: Sensor) -> Question:
-        grid = grid_size(device, self.model)
+        grid = grid_size(device, self.model, device.max_distance)
         return Question(self.scene, self.surface, grid, large_faces(self.options))
 
     def release(self):
