@@ -98,11 +98,11 @@ def test_a_search_that_somebody_ended_is_gone_on_with(run, reproduce, tmp_path, 
         stopped.append(options["resume"])
         return place_sensors(study, **options | {"on_iteration": stop})
 
-    monkeypatch.setattr("glvis.search.placement.place_sensors", interrupted)
-    code, _, said = run("--only", "kitchen", "--repeats", "1")
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr("glvis.search.placement.place_sensors", interrupted)
+        code, _, said = run("--only", "kitchen", "--repeats", "1")
     assert code == 130 and said.endswith("stopped; the same command goes on\n")
     assert not (tmp_path / "docs").exists()
-    monkeypatch.undo()
     monkeypatch.setattr(
         "glvis.search.placement.place_sensors",
         lambda study, **options: (

@@ -37,7 +37,7 @@ def stl_bytes(name: str, vertices: np.ndarray, faces: np.ndarray) -> bytes:
     table = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("at", "<f4", (3, 3)), ("_", "<u2")])
     table["normal"] = normals + 0.0  # no negative zeros
     table["at"] = corners[faces] + 0.0
-    header = f"{name}, millimetres, made by tools/make_scenes.py of glvis".encode().ljust(80)
+    header = f"{name}, millimetres, made by tools/make_scenes of glvis".encode().ljust(80)
     return header + np.array(len(faces), dtype="<u4").tobytes() + table.tobytes()
 
 

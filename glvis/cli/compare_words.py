@@ -64,14 +64,14 @@ def comparison_lines(layouts: Sequence[Layout]) -> Iterator[str]:
     models = shared_models(layouts)
     for other in others:
         if models:
+            noun = noun_of(first, models)
             yield ""
-            yield f"{other.name} against {first.name}, % of the {noun_of(first, models)}"
+            yield f"{other.name} against {first.name}, % of the {noun}"
             yield from table(
                 ("model", "both see", f"only {first.name}", f"only {other.name}", "neither"),
                 [
-                    (name, *(f"{value:.2f}" for value in percentages))
+                    (name, *(f"{value:.2f}" for value in percentages(first, other, name, noun)))
                     for name in models
-                    for percentages in [percentages(first, other, name, noun_of(first, models))]
                 ],
             )
         moved = sensor_moves(first.placement, other.placement)

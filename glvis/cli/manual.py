@@ -8,7 +8,7 @@ from pathlib import Path
 from glvis.errors import StudyError
 from glvis.problem.expressions import nearest
 
-_FOLDER = Path(__file__).resolve().parent / "docs"
+_FOLDER = Path(__file__).resolve().parents[1] / "docs"
 # From what a user needs first to what few need; a page that is missing here comes last.
 _ORDER = ("study", "results", "visibility", "search", "python", "paper", "benchmarks", "cluster")
 

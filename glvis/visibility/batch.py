@@ -292,7 +292,7 @@ def _of_views(views: Views, some: slice, question: Question) -> NDArray[np.void]
     told["backwards"][:, 3] = limits.min_axis_cos
     told["working_range"] = limits.min_distance, limits.max_distance
     told["min_ray_cos"] = limits.min_ray_cos
-    told["near"] = views.near
+    told["near"] = views.near[some]
     told["size"] = question.grid
     if question.large:
         # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t

@@ -132,7 +132,7 @@ class Caster:
         return visible
 
     def _grid(self, target: Surface, views: Views) -> tuple[int, int]:
-        sensor, far = views.sensor, float(views.reach.max())
+        sensor, far = views.sensor, float(views.reach.max(initial=np.finfo(float).tiny))
         # to the next power of two: a few grids serve all poses
         far = min(sensor.max_distance, 2.0 ** math.ceil(math.log2(far)))
         if (target, sensor, far) not in self._grids:
