@@ -41,7 +41,7 @@ def timeless(monkeypatch):
     monkeypatch.setattr("glvis.results.result.time", stopped)
     for module in ("results.result", "reports.report", "reports.series_tables"):
         monkeypatch.setattr(f"glvis.{module}.versions", lambda: {"glvis": "1"})
-    monkeypatch.setattr("glvis.cli.app._warnings", lambda study: [])
+    monkeypatch.setattr("glvis.cli.study_commands._warnings", lambda study: [])
     for plot in (
         "reports.series_tables.write_repeats",
         "reports.series_tables.write_vary",

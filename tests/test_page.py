@@ -17,15 +17,14 @@ from glvis.common.palette import UNSEEN_COLOR, sensor_colors
 from glvis.problem.camera import Intrinsics, camera_to_world, projection_matrix, rigid_inverse
 from glvis.problem.scene import Model, load_model
 from glvis.problem.visibility_options import VisibilityOptions
-from glvis.viewer.page import (
+from glvis.viewer.page import page_text, write_page
+from glvis.viewer.page_data import (
     PageData,
     PageModel,
     PageObstacle,
     PageSensor,
     PageTable,
     PageTrace,
-    page_text,
-    write_page,
 )
 from glvis.visibility.filters import Limits, faces_in_camera, refusal
 

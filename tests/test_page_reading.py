@@ -10,7 +10,8 @@ from test_page import CORNER, HALF, SIZE, SIZE_OF_PAGE, N, box, differs, example
 from glvis.problem.camera import camera_to_world
 from glvis.problem.regions import regions
 from glvis.problem.scene import Model
-from glvis.viewer.page import PageModel, PageObstacle, PageSensor, PageTable, page_text, write_page
+from glvis.viewer.page import page_text, write_page
+from glvis.viewer.page_data import PageModel, PageObstacle, PageSensor, PageTable
 
 TAN = example().sensors[0].tan_half
 

@@ -48,7 +48,7 @@ from glvis.problem.sensor import Sensor
 from glvis.reports.report import page_data
 from glvis.search.placement import evaluate_poses
 from glvis.study.loading import load_study
-from glvis.viewer.page import _packed
+from glvis.viewer.packing import packed
 from glvis.visibility.visibility_map import VisibilityMap
 
 CAM = Sensor("cam", Intrinsics.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.radians(70))
@@ -127,7 +127,7 @@ def test_a_count_of_sensors_has_one_colour_on_all_models_and_on_the_page(tmp_pat
     )
     maps, poses = [of_all, of_two], placement.camera_to_world
     write_views(placement.study, poses, maps, tmp_path, size=(240, 200), color="overlap")
-    (header, _) = _packed(page_data(replace(placement, maps=tuple(maps))))
+    (header, _) = packed(page_data(replace(placement, maps=tuple(maps))))
     assert [int(counts.max()) for counts, _ in used] == [8, 2]
     for counts, painted in used:
         assert np.array_equal(painted.colors[:, :3], np.array(header["colors"]["overlap"])[counts])

@@ -14,9 +14,10 @@ from glvis.problem.mounts import Variable
 from glvis.problem.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS
 from glvis.problem.search_options import SearchOptions
 from glvis.problem.swarm_options import SwarmOptions
+from glvis.problem.units import MM_PER_UNIT
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.study.loading import load_study
-from glvis.study.schema import MM_PER_UNIT, SwarmTable, VisibilityTable
+from glvis.study.schema import SwarmTable, VisibilityTable
 
 # The format as its contract shows it, with meshes that are here.
 STUDY = """\

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from glvis.problem.camera import Intrinsics
+from glvis.problem.units import MM_PER_UNIT
 
 
 @dataclass(frozen=True)
@@ -137,3 +138,16 @@ CATALOGUE = {
         ),
     )
 }
+
+
+def catalogue(unit: str) -> dict[str, Sensor]:
+    """Return the sensors that need no table, their ranges in a study's unit."""
+    factor = 1 / MM_PER_UNIT.get(unit, 1.0)
+    return {
+        name: replace(
+            sensor,
+            min_distance=sensor.min_distance * factor,
+            max_distance=sensor.max_distance * factor,
+        )
+        for name, sensor in CATALOGUE.items()
+    }

@@ -19,8 +19,8 @@ from glvis.pictures.stage import Stage
 from glvis.problem.camera import distance_and_angle
 from glvis.problem.pieces import noun_of_shares, share_of
 from glvis.problem.scene import Model
+from glvis.problem.units import MM_PER_UNIT
 from glvis.search.placement import Placement, evaluate_poses
-from glvis.study.schema import MM_PER_UNIT
 
 # What each face of two maps is: seen by both, by the first or the second alone, by neither.
 BOTH, FIRST, SECOND, NEITHER = range(4)

@@ -15,9 +15,9 @@ from glvis.pictures.coloring import Seen, coloring
 from glvis.problem.rotations import quaternion, rotation_between
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
+from glvis.problem.units import MM_PER_UNIT
 from glvis.results.export_poses import PIECES, surface_names
 from glvis.search.placement import Placement
-from glvis.study.schema import MM_PER_UNIT
 from glvis.visibility.folding import fold, folded
 
 Colors = NDArray[np.uint8]

@@ -10,7 +10,14 @@ from glvis.results.result import versions
 from glvis.results.tables import mean_row, model_rows, sensor_table
 from glvis.results.within_reach import reach_table, reach_words
 from glvis.search.placement import Placement
-from glvis.viewer.page import PageData, PageModel, PageObstacle, PageSensor, PageTable, PageTrace
+from glvis.viewer.page_data import (
+    PageData,
+    PageModel,
+    PageObstacle,
+    PageSensor,
+    PageTable,
+    PageTrace,
+)
 
 _SHARES = {"percentage": "seen %", "area_percentage": "area seen %"}
 _COUNTS = {

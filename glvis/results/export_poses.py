@@ -18,10 +18,10 @@ from glvis.common.palette import sensor_colors
 from glvis.problem.camera import rigid_inverse
 from glvis.problem.rotations import BODY, OPTICAL, quaternion, roll_pitch_yaw
 from glvis.problem.study import Study
+from glvis.problem.units import MM_PER_UNIT
 from glvis.results.mounting import setting_of_pose
 from glvis.results.result import sensor_poses, write_csv
 from glvis.search.placement import Placement
-from glvis.study.schema import MM_PER_UNIT
 
 _README = """\
 For other tools. Lengths are in {unit} unless a line says otherwise; the world

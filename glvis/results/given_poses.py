@@ -20,10 +20,10 @@ from glvis.errors import StudyError
 from glvis.problem.camera import camera_to_world, rigid_inverse
 from glvis.problem.rotations import OPTICAL, Floats, rotation
 from glvis.problem.study import Study
+from glvis.problem.units import MM_PER_UNIT
 from glvis.results.folder import INDEX, read_index
 from glvis.results.indexes import PosesIndex
 from glvis.results.reading import check_sensors, poses_of
-from glvis.study.schema import MM_PER_UNIT
 
 _MOST = 64_000_000  # bytes
 _KINDS = "a result or its folder, poses.csv, COLMAP's images.txt, or JSON of 4 x 4 matrices"

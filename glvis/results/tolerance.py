@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from glvis.errors import StudyError
 from glvis.evaluation.evaluator import Evaluator
 from glvis.problem.pieces import noun_of_shares, share_of
+from glvis.problem.units import MM_PER_UNIT
 from glvis.results.mounting import Setting, pose_of_setting, setting_of_pose
 from glvis.search.placement import Placement
-from glvis.study.schema import MM_PER_UNIT
 from glvis.visibility.visibility_map import VisibilityMap
 
 Floats = NDArray[np.float64]

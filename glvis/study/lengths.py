@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from glvis.study.schema import MM_PER_UNIT
+from glvis.problem.units import MM_PER_UNIT
 
 _LENGTH = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]+)")
 # Tables with lengths, and keys in them whose texts mean something else.

@@ -23,7 +23,7 @@ from glvis.problem.pieces import cut_models
 from glvis.problem.scene import SUFFIXES as MESH_SUFFIXES
 from glvis.problem.scene import Model, joined, load_model
 from glvis.problem.search_options import SearchOptions
-from glvis.problem.sensor import Sensor
+from glvis.problem.sensor import Sensor, catalogue
 from glvis.problem.study import Study
 from glvis.problem.swarm_options import SwarmOptions
 from glvis.problem.units import UPS, own_scale, own_up
@@ -31,7 +31,7 @@ from glvis.problem.visibility_options import VisibilityOptions, render_resolutio
 from glvis.study.lengths import with_plain_lengths
 from glvis.study.meshpaths import NAMES_KEY, check_names, mesh_paths
 from glvis.study.overrides import REMOVED, overridden, written
-from glvis.study.schema import StudyTable, catalogue
+from glvis.study.schema import StudyTable
 
 _SCHEMA_LINE = re.compile(r"(#:schema +)([^:\s][^:\n]*)(?=\n)")  # by a path, not by an URL
 _MOST_PIXELS = 1 << 26  # of an image that decides; one takes about 14 bytes a pixel

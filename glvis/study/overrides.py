@@ -20,7 +20,8 @@ from glvis.common.complaints import shortened
 from glvis.common.files import toml_tables
 from glvis.errors import StudyError
 from glvis.problem.expressions import nearest
-from glvis.study.schema import StudyTable, catalogue, sensor_table
+from glvis.problem.sensor import catalogue
+from glvis.study.schema import StudyTable, sensor_table
 
 # Values by the keys (and places in lists) that lead to them.
 Changes = dict[tuple[str | int, ...], Any]

@@ -49,9 +49,8 @@ from glvis.problem.expressions import nearest, parse_linear
 from glvis.problem.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
 from glvis.problem.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 from glvis.problem.search_options import FOR_COMPARISON, METHODS, SearchOptions
-from glvis.problem.sensor import CATALOGUE, Sensor
+from glvis.problem.sensor import Sensor
 from glvis.problem.swarm_options import SwarmOptions
-from glvis.problem.units import MM_PER_UNIT
 from glvis.problem.visibility_options import VisibilityOptions
 
 _RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
@@ -380,19 +379,6 @@ class StudyTable(Table):
     def search_options(self) -> SearchOptions:
         """Return what searches; what the table leaves open has its default."""
         return SearchOptions(**_given(self.search))
-
-
-def catalogue(unit: str) -> dict[str, Sensor]:
-    """Return the sensors that need no table, their ranges in a study's unit."""
-    factor = 1 / MM_PER_UNIT.get(unit, 1.0)
-    return {
-        name: dataclasses.replace(
-            sensor,
-            min_distance=sensor.min_distance * factor,
-            max_distance=sensor.max_distance * factor,
-        )
-        for name, sensor in CATALOGUE.items()
-    }
 
 
 def sensor_table(sensor: Sensor) -> dict[str, Any]:

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from glvis.problem.camera import Intrinsics
 from glvis.problem.scene import Model
-from glvis.problem.sensor import CATALOGUE, Sensor
+from glvis.problem.sensor import CATALOGUE, Sensor, catalogue
 from glvis.problem.units import MM_PER_UNIT, short, trimmed
 from glvis.problem.winding import looks_inwards, winding_numbers
-from glvis.study.schema import catalogue
 from glvis.study.starter_texts import BOX_MOUNT_TEXT, RING_MOUNT_TEXT
 
 Floats = NDArray[np.float64]
