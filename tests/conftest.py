@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from glvis.visibility.context import gl_context
+
 # Real meshes that nobody here modelled lie beside the checkout, where there are any.
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -61,6 +63,19 @@ def pytest_addoption(parser):
 def _loud_floats():
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         yield
+
+
+@pytest.fixture(autouse=True)
+def _no_gl_error():
+    """Let every test find and leave OpenGL without an error, where this process has a context."""
+    _assert_no_gl_error()
+    yield
+    _assert_no_gl_error()
+
+
+def _assert_no_gl_error():
+    if gl_context.cache_info().currsize:
+        assert gl_context().error == "GL_NO_ERROR"
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 from support import oracle, shapes
 from support.one_sensor import d415, looking, random_poses, sensor
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.scene import load_model
 from glvis.visibility.renderer import Renderer, Selection
 
@@ -106,7 +106,7 @@ def table_8_poses() -> np.ndarray:
     position, direction, roll = (
         np.array(column, dtype=float) for column in zip(*TABLE_8, strict=True)
     )
-    return camera_to_world(position, direction, np.radians(roll), up=(0, 1, 0))
+    return look_along(position, direction, np.radians(roll), up=(0, 1, 0))
 
 
 @pytest.mark.parametrize("criterion", ["pixels", "centroid"])

@@ -37,7 +37,7 @@ from support.verdicts import (
     ways,
 )
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.scene import load_model
 from glvis.problem.sensor import Sensor
 
@@ -202,7 +202,7 @@ def table_8() -> np.ndarray:
     position, direction, roll = (
         np.array(column, dtype=float) for column in zip(*rows, strict=True)
     )
-    return camera_to_world(position, direction, np.radians(roll), up=(0, 1, 0))
+    return look_along(position, direction, np.radians(roll), up=(0, 1, 0))
 
 
 @pytest.mark.parametrize("criterion", ["centroid", "pixels"])
@@ -214,7 +214,7 @@ def test_a_room_of_large_faces_is_seen_as_rays_see_it(criterion, table, shared_d
     while len(poses) < 50:
         position = rng.uniform((0, 0, 0), (3000, 3000, 3500))
         target = rng.uniform((0, 0, 0), (3000, 3000, 2000))
-        pose = camera_to_world(position, target - position, float(rng.uniform(-np.pi, np.pi)))
+        pose = look_along(position, target - position, float(rng.uniform(-np.pi, np.pi)))
         if np.count_nonzero(Judge(pose, Eye.of(device), corners).centroids().free) > 20:
             poses.append(pose)
     table.append(

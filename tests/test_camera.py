@@ -8,8 +8,8 @@ import pytest
 from glvis.problem.camera import (
     Intrinsics,
     angles_from_direction,
-    camera_to_world,
     direction_from_angles,
+    look_along,
     mirrored_pose,
     position_direction_roll,
     projection_matrix,
@@ -29,7 +29,7 @@ def rotation_about(axis, angle):
 def random_poses(rng, n, up=(0, 0, 1)):
     position, direction = rng.normal(size=(2, n, 3))
     roll = rng.uniform(-math.pi, math.pi, n)
-    return camera_to_world(position, direction, roll, up)
+    return look_along(position, direction, roll, up)
 
 
 # --- intrinsics
@@ -84,14 +84,14 @@ def test_angles_broadcast():
 
 def test_columns_are_right_up_back_and_position():
     # Looking along +y from (1, 2, 3) with z up: right is +x.
-    pose = camera_to_world((1, 2, 3), (0, 5, 0))
+    pose = look_along((1, 2, 3), (0, 5, 0))
     expected = [[1, 0, 0, 1], [0, 0, -1, 2], [0, 1, 0, 3], [0, 0, 0, 1]]
     np.testing.assert_allclose(pose, expected, atol=1e-15)
 
 
 def test_paper_arm_scanner_has_the_images_major_axis_parallel_to_xz():
     # Table 8, with up = y (Sec. 3.1: roll 0 puts the major axis parallel to the XZ plane)
-    pose = camera_to_world((178, -242, 136), (-0.82, 0.55, -0.14), 0, up=(0, 1, 0))
+    pose = look_along((178, -242, 136), (-0.82, 0.55, -0.14), 0, up=(0, 1, 0))
     assert pose[1, 0] == pytest.approx(0, abs=1e-15)
     assert pose[1, 1] > 0
 
@@ -100,7 +100,7 @@ def test_paper_arm_scanner_has_the_images_major_axis_parallel_to_xz():
 def test_unrolled_up_is_the_projection_of_up(rng, up):
     direction = rng.normal(size=(300, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    pose = camera_to_world(np.zeros(3), direction, 0.0, up)
+    pose = look_along(np.zeros(3), direction, 0.0, up)
     projected = np.array(up) - (direction @ up)[:, None] * direction
     projected /= np.linalg.norm(projected, axis=1, keepdims=True)
     np.testing.assert_allclose(pose[:, :3, 1], projected, atol=1e-9)
@@ -112,8 +112,8 @@ def test_roll_turns_the_camera_about_its_axis_by_the_right_hand_rule(rng):
         direction = rng.normal(size=3)
         direction /= np.linalg.norm(direction)
         roll = rng.uniform(-7, 7)
-        unrolled = camera_to_world((1, 2, 3), direction)
-        rolled = camera_to_world((1, 2, 3), direction, roll)
+        unrolled = look_along((1, 2, 3), direction)
+        rolled = look_along((1, 2, 3), direction, roll)
         turn = rotation_about(direction, roll)
         np.testing.assert_allclose(rolled[:3, :3], turn @ unrolled[:3, :3], atol=1e-12)
         np.testing.assert_array_equal(rolled[:, 3], unrolled[:, 3])
@@ -121,7 +121,7 @@ def test_roll_turns_the_camera_about_its_axis_by_the_right_hand_rule(rng):
 
 def test_a_quarter_roll_brings_up_to_where_right_was():
     # right' = right cos - up sin, up' = right sin + up cos
-    unrolled, rolled = camera_to_world((0, 0, 0), (0, 1, 0), [0, math.pi / 2])
+    unrolled, rolled = look_along((0, 0, 0), (0, 1, 0), [0, math.pi / 2])
     np.testing.assert_allclose(rolled[:3, 0], -unrolled[:3, 1], atol=1e-15)
     np.testing.assert_allclose(rolled[:3, 1], unrolled[:3, 0], atol=1e-15)
 
@@ -132,7 +132,7 @@ def test_looking_along_up_takes_the_least_aligned_world_axis_instead(up):
     fallback = np.eye(3)[np.argmin(np.abs(up))]
     for sign in (1, -1):
         direction = sign * np.array(up) * 3
-        pose = camera_to_world(np.zeros(3), direction, 0.0, up)
+        pose = look_along(np.zeros(3), direction, 0.0, up)
         unit = direction / (3 * length)
         projected = fallback - (unit @ fallback) * unit
         np.testing.assert_allclose(pose[:3, 1], projected / np.linalg.norm(projected), atol=1e-12)
@@ -144,7 +144,7 @@ def test_poses_are_proper_rotations_even_near_and_at_the_parallel(rng):
         directions.append(AXES + tiny * rng.normal(size=(6, 3)))
     direction = np.concatenate(directions)
     for up in AXES:
-        pose = camera_to_world(np.zeros(3), direction, 0.3, up)
+        pose = look_along(np.zeros(3), direction, 0.3, up)
         rotation = pose[:, :3, :3]
         assert np.all(np.isfinite(pose))
         unit = np.broadcast_to(np.eye(3), rotation.shape)
@@ -154,21 +154,21 @@ def test_poses_are_proper_rotations_even_near_and_at_the_parallel(rng):
 
 def test_poses_broadcast_over_any_leading_shape(rng):
     position, direction = rng.normal(size=(2, 4, 5, 3))
-    pose = camera_to_world(position, direction, rng.normal(size=(4, 5)))
+    pose = look_along(position, direction, rng.normal(size=(4, 5)))
     assert pose.shape == (4, 5, 4, 4)
-    one = camera_to_world(position[2, 3], direction[2, 3])
+    one = look_along(position[2, 3], direction[2, 3])
     np.testing.assert_allclose(one[:3, 3], pose[2, 3, :3, 3])
-    assert camera_to_world(np.zeros(3), direction).shape == (4, 5, 4, 4)
-    assert camera_to_world(position, (0, 1, 0)).shape == (4, 5, 4, 4)
-    assert camera_to_world(np.zeros(3), (0, 1, 0), np.zeros(7)).shape == (7, 4, 4)
+    assert look_along(np.zeros(3), direction).shape == (4, 5, 4, 4)
+    assert look_along(position, (0, 1, 0)).shape == (4, 5, 4, 4)
+    assert look_along(np.zeros(3), (0, 1, 0), np.zeros(7)).shape == (7, 4, 4)
 
 
 @pytest.mark.parametrize("bad", [(0, 0, 0), (math.nan, 0, 1), (math.inf, 0, 0)])
 def test_a_direction_or_up_that_is_none_is_refused(bad):
     with pytest.raises(ValueError, match="a direction must be finite and not zero"):
-        camera_to_world((0, 0, 0), bad)
+        look_along((0, 0, 0), bad)
     with pytest.raises(ValueError, match="a direction must be finite and not zero"):
-        camera_to_world((0, 0, 0), (1, 0, 0), 0, up=bad)
+        look_along((0, 0, 0), (1, 0, 0), 0, up=bad)
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
@@ -177,7 +177,7 @@ def test_position_direction_and_roll_come_back_from_a_pose(rng, up):
     direction = np.concatenate([direction, np.array([up]), -np.array([up])])
     position = np.concatenate([position, np.zeros((2, 3))])
     roll = rng.uniform(-math.pi, math.pi, 302)
-    pose = camera_to_world(position, direction, roll, up)
+    pose = look_along(position, direction, roll, up)
     got_position, got_direction, got_roll = position_direction_roll(pose, up)
     unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     np.testing.assert_allclose(got_position, position)
@@ -221,10 +221,10 @@ def test_mirroring_reflects_position_and_direction_and_turns_roll_round(rng, nor
     # the twin then stands on its head, roll + 180 degrees.
     position, direction = rng.normal(size=(2, 80, 3))
     roll = rng.uniform(-math.pi, math.pi, 80)
-    twin = mirrored_pose(camera_to_world(position, direction, roll, up), (0, 0, 0), normal)
+    twin = mirrored_pose(look_along(position, direction, roll, up), (0, 0, 0), normal)
     reflection = 1 - 2 * np.array(normal)
     along = abs(np.dot(normal, up)) == 1
-    expected = camera_to_world(
+    expected = look_along(
         position * reflection, direction * reflection, -roll + (math.pi if along else 0), up
     )
     np.testing.assert_allclose(twin, expected, atol=1e-9)
@@ -242,9 +242,9 @@ def test_table_8_pairs_are_mirror_images_with_opposite_roll():
         ((216, -208, -136), (-0.77, 0.62, -0.13), 20),
     ):
         y = (0, 1, 0)
-        right = camera_to_world(position, direction, math.radians(roll), y)
+        right = look_along(position, direction, math.radians(roll), y)
         flip = np.array([-1, 1, 1])
-        left = camera_to_world(position * flip, np.array(direction) * flip, -math.radians(roll), y)
+        left = look_along(position * flip, np.array(direction) * flip, -math.radians(roll), y)
         np.testing.assert_allclose(mirrored_pose(right, (0, 0, 0), (1, 0, 0)), left, atol=1e-12)
 
 
@@ -275,7 +275,7 @@ def test_a_known_point_lands_on_a_known_pixel():
     # 90 degrees wide, 640 x 480 px: focal length 320 px. One metre ahead, a quarter to the right
     # and an eighth up is 80 px right of and 40 px above the middle.
     tan_half = (1, 0.75)
-    pose = camera_to_world((5, 5, 5), (0, 1, 0))
+    pose = look_along((5, 5, 5), (0, 1, 0))
     clip = projection_matrix(tan_half, 0.1, 10) @ rigid_inverse(pose) @ [5.25, 6, 5.125, 1]
     x, y = clip[:2] / clip[3]
     assert ((x + 1) * 320, (1 - y) * 240) == pytest.approx((320 + 80, 240 - 40))

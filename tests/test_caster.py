@@ -8,7 +8,7 @@ from support import shapes
 from support.one_sensor import DOWN, looking, random_poses, seen, sensor
 
 from glvis.errors import MachineError
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.scene import Model
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.visibility import batch, cast, points, selftest, surface
@@ -273,7 +273,7 @@ def test_faces_far_from_the_middle_of_the_scene_do_not_hide_themselves(away, rng
     height = rng.uniform(0.05, 0.25, size=8)
     position = points[rng.integers(len(points), size=8)] + np.outer(height, normal)
     aside = rng.normal(size=(8, 3))
-    poses = camera_to_world(position, -normal + 0.3 * aside)
+    poses = look_along(position, -normal + 0.3 * aside)
     device = sensor(far=2.0)
     exact, cast = (
         seen(patch, poses, device, criterion="centroid", casts=casts, origin=np.zeros(3))
@@ -288,7 +288,7 @@ def test_an_edge_on_the_horizon_limits_only_rows(half, roll):
     wall = shapes.plate(2, center=(0, 0, -3), cells=(60, 60))
     _, y, _ = shapes.corners(wall).mean(axis=1).T
     plate = shapes.plate(1.2, center=(0, 0.6 * half, -1.5))  # one edge at the height of the eye
-    pose = camera_to_world([0, 0, 0], [0, 0, -1], roll, up=(0, 1, 0))
+    pose = look_along([0, 0, 0], [0, 0, -1], roll, up=(0, 1, 0))
     device = sensor(hfov_deg=70, vfov_deg=70, far=3.2)
     with looking(wall, [plate], casts=True, criterion="centroid") as made:
         assert np.array_equal(made.looks(pose[None], device)[0], half * y < 0)

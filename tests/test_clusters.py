@@ -5,7 +5,7 @@ import pytest
 from support import shapes
 from support.one_sensor import looking, random_poses, sensor
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.scene import Model
 from glvis.visibility.clusters import Clusters
 from glvis.visibility.culling import clusters_in_frustum, cull, most_height
@@ -104,7 +104,7 @@ def test_culled_clusters_hold_no_face_that_could_show(seed):
 
 def test_clusters_that_are_too_oblique_are_no_candidates():
     device = sensor(far=30, max_incidence_deg=30)
-    pose = camera_to_world([0, 0, 20], [0, 0, -1], up=(0, 1, 0))[None]
+    pose = look_along([0, 0, 20], [0, 0, -1], up=(0, 1, 0))[None]
     with looking(shapes.icosphere(5)) as made:
         culled = cull(made.scene, made.views(pose, device))
         # seen from 20 radii, 30 degrees of incidence are 28.6 at the middle of a sphere, and

@@ -5,13 +5,13 @@ import pytest
 from support import shapes
 from support.one_sensor import DOWN, seen, sensor
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.scene import Model
 from glvis.visibility.coincident import Coincident
 
 UNIT = shapes.triangle((0, 0, 0), (1, 0, 0), (0, 1, 0))
 FAR_OFF = shapes.triangle((9, 9, 9), (9, 10, 9), (9, 9, 10))  # makes the extent that of a scene
-UP = camera_to_world([0, 0, -4], [0, 0, 1], up=(0, 1, 0))  # as DOWN, from the other side
+UP = look_along([0, 0, -4], [0, 0, 1], up=(0, 1, 0))  # as DOWN, from the other side
 
 
 def found(*parts):

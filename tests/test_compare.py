@@ -13,7 +13,7 @@ from glvis.cli.app import main
 from glvis.cli.compare_words import comparison_lines, comparison_rows
 from glvis.common.palette import SEEN_COLOR, UNSEEN_COLOR
 from glvis.pictures.scenesheets import subtitle
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.reports.compare import (
     BOTH,
     FIRST,
@@ -38,7 +38,7 @@ def layouts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     study = load_study(write_two_cubes(folder))
     poses = study.rig.poses(study.rig.start)
-    poses[2] = camera_to_world([0, 0, -4], [0, 0, 1], 0.0, study.up)  # from below instead
+    poses[2] = look_along([0, 0, -4], [0, 0, 1], 0.0, study.up)  # from below instead
     return [
         Layout("start", evaluate_poses(study)),
         Layout("below", evaluate_poses(study, poses)),

@@ -9,7 +9,7 @@ from support.two_cubes import SMALL, write_two_cubes
 
 from glvis.cli.app import main
 from glvis.errors import StudyError
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.rotations import quaternion, rotation
 from glvis.results.export_poses import write_exports, write_poses
 from glvis.results.folder import result_folder
@@ -30,7 +30,7 @@ def study(tmp_path_factory):
 def placement(study):
     rng = np.random.default_rng(5)
     poses = [
-        camera_to_world(rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3), study.up)
+        look_along(rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3), study.up)
         for _ in study.sensor_names
     ]
     return evaluate_poses(study, np.stack(poses))
@@ -87,7 +87,7 @@ def test_a_table_may_have_directions_and_semicolons(placement, study, tmp_path):
     rows = ["name;x;y;z;dx;dy;dz;roll_deg"]
     rows += [f"{name};1;2;3;0;0;-2;90" for name in study.sensor_names]
     path.write_text("\ufeff" + "\r\n".join(rows), encoding="utf-8")
-    pose = camera_to_world([1, 2, 3], [0, 0, -1], np.pi / 2, study.up)
+    pose = look_along([1, 2, 3], [0, 0, -1], np.pi / 2, study.up)
     np.testing.assert_allclose(read_given_poses(path, study), [pose] * 3, atol=1e-15)
 
 
@@ -100,7 +100,7 @@ def test_images_of_colmap_have_lines_of_points_between_them(result, placement, s
 
 @pytest.mark.parametrize("seed", range(5))
 def test_quaternions_of_any_length_are_rotations(seed):
-    turn = camera_to_world(*np.random.default_rng(seed).normal(size=(2, 3)), seed)[:3, :3]
+    turn = look_along(*np.random.default_rng(seed).normal(size=(2, 3)), seed)[:3, :3]
     for length in (1, -3, 1e-200):
         np.testing.assert_allclose(rotation(length * quaternion(turn)), turn, atol=1e-14)
     with pytest.raises(ValueError, match="a quaternion of zeros is no rotation"):

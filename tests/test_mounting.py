@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.results.mounting import (
     Setting,
     level_axes,
@@ -33,7 +33,7 @@ from glvis.study.loading import load_study
     ],
 )
 def test_pan_and_tilt_are_those_of_a_tripod(direction, up, pan, tilt):
-    pose = camera_to_world([1, 2, 3], direction, 0.0, up)
+    pose = look_along([1, 2, 3], direction, 0.0, up)
     setting = setting_of_pose(pose, up)
     assert setting.tilt_deg == pytest.approx(tilt)
     if abs(tilt) < 90:
@@ -42,7 +42,7 @@ def test_pan_and_tilt_are_those_of_a_tripod(direction, up, pan, tilt):
 
 
 def test_positive_roll_is_clockwise_seen_from_behind():
-    pose = camera_to_world([0, 0, 0], [1, 0, 0], np.radians(30), [0, 0, 1])
+    pose = look_along([0, 0, 0], [1, 0, 0], np.radians(30), [0, 0, 1])
     setting = setting_of_pose(pose, [0, 0, 1])
     assert setting.roll_deg == pytest.approx(30)
     # clockwise, seen along +X with Z up: the image's upper edge falls to the right, to -Y
@@ -54,7 +54,7 @@ def test_positive_roll_is_clockwise_seen_from_behind():
 def test_setting_and_pose_are_each_others_inverse(seed):
     rng = np.random.default_rng(seed)
     up = [[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, -1, 0], rng.normal(size=3)][seed % 5]
-    pose = camera_to_world(rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3), up)
+    pose = look_along(rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3), up)
     again = pose_of_setting(pose[:3, 3], setting_of_pose(pose, up), up)
     assert np.allclose(again, pose, atol=1e-12)
 
@@ -63,7 +63,7 @@ def test_setting_and_pose_are_each_others_inverse(seed):
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("roll_deg", [0, 30, 135, -90])
 def test_straight_up_and_down_are_told_by_the_top_of_the_image(up, side, roll_deg):
-    pose = camera_to_world([1, 2, 3], side * np.array(up), np.radians(roll_deg), up)
+    pose = look_along([1, 2, 3], side * np.array(up), np.radians(roll_deg), up)
     setting = setting_of_pose(pose, up)
     assert setting.is_vertical
     assert (setting.tilt_deg, setting.roll_deg) == (90 * side, 0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from glvis.problem.camera import camera_to_world, mirrored_pose, position_direction_roll
+from glvis.problem.camera import look_along, mirrored_pose, position_direction_roll
 from glvis.problem.expressions import parse_linear
 from glvis.problem.layout import Aim, Angles, Free, Mirror, Mount, Ring, Vector
 from glvis.problem.mounts import Variable, build_rig
@@ -129,13 +129,13 @@ def test_rows_of_positions_are_poses_of_each_alone():
     a, h, radius, roll, bx, elevation, dx = x[17]
     turn = np.radians(-a)
     place = np.array([radius * np.cos(turn), radius * np.sin(turn), h])
-    expected = camera_to_world(place, -place, np.radians(roll), (0, 1, 0))
+    expected = look_along(place, -place, np.radians(roll), (0, 1, 0))
     np.testing.assert_allclose(together[17, 0], expected, atol=1e-12)
     az, el = np.radians([a, elevation])
     axis = [np.cos(az) * np.cos(el), np.sin(az) * np.cos(el), np.sin(el)]
-    expected = camera_to_world([bx, 1, h / 2], axis, 0.0, (0, 1, 0))
+    expected = look_along([bx, 1, h / 2], axis, 0.0, (0, 1, 0))
     np.testing.assert_allclose(together[17, 1], expected, atol=1e-12)
-    expected = camera_to_world([5, 6, 7], [dx, 1, 0], np.radians(2 * roll), (0, 1, 0))
+    expected = look_along([5, 6, 7], [dx, 1, 0], np.radians(2 * roll), (0, 1, 0))
     np.testing.assert_allclose(together[17, 3], expected, atol=1e-12)
 
 
@@ -215,7 +215,7 @@ def test_a_twin_has_reflected_position_and_direction_and_the_opposite_roll(norma
     one, twin = pose(mount("A", tuple(place), Vector(tuple(axis)), roll, mirror), up=up)
     n = np.array(normal) / np.linalg.norm(normal)
     reflection = np.eye(3) - 2 * np.outer(n, n)
-    expected = camera_to_world(
+    expected = look_along(
         reflection @ (place - point) + point, reflection @ axis, -np.radians(roll), up
     )
     np.testing.assert_allclose(twin, expected, atol=1e-12)

@@ -14,7 +14,7 @@ import pytest
 from support.browser import Browser, find_chromium
 
 from glvis.common.palette import UNSEEN_COLOR, sensor_colors
-from glvis.problem.camera import Intrinsics, camera_to_world, projection_matrix, rigid_inverse
+from glvis.problem.camera import Intrinsics, look_along, projection_matrix, rigid_inverse
 from glvis.problem.scene import Model, load_model
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.viewer.page import page_text, write_page
@@ -62,7 +62,7 @@ def example(**changes):
     visible = np.stack([x < 0.5, y < 0.5])
     middle = CORNER + HALF
     poses = [
-        camera_to_world(middle + at, -np.array(at), roll)
+        look_along(middle + at, -np.array(at), roll)
         for at, roll in (([30.0, -20.0, 260.0], 0.3), ([-40.0, 150.0, 220.0], -0.2))
     ]
     data = {
@@ -319,7 +319,7 @@ def test_reasons_for_not_seeing_are_those_of_the_geometry(browser, tmp_path):
         "hidden": ((0, 0, 250), (0, 0, -1)),
     }
     sensors = [
-        PageSensor(why, "cam", camera_to_world(middle + at, d), TAN, 100, 400, np.radians(70))
+        PageSensor(why, "cam", look_along(middle + at, d), TAN, 100, 400, np.radians(70))
         for why, (at, d) in cases.items()
     ]
     model = Model.from_arrays("flat", vertices, faces)
@@ -536,7 +536,7 @@ def test_six_real_arms_make_a_page_below_three_megabytes(browser, shared_data, t
         visible = towards @ model.normals.T > 0.5
         models.append(PageModel(model.name, model.vertices, model.faces, visible))
     sensors = [
-        PageSensor(f"S{i}", "cam", camera_to_world(300.0 * d, -d, 0.0), TAN, 100, 400)
+        PageSensor(f"S{i}", "cam", look_along(300.0 * d, -d, 0.0), TAN, 100, 400)
         for i, d in enumerate(towards)
     ]
     path = tmp_path / "arms.html"

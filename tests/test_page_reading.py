@@ -7,7 +7,7 @@ import pytest
 from support.browser import Browser, find_chromium
 from test_page import CORNER, HALF, SIZE, SIZE_OF_PAGE, N, box, differs, example, header, plate
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.regions import regions
 from glvis.problem.scene import Model
 from glvis.viewer.page import page_text, write_page
@@ -308,7 +308,7 @@ def test_frusta_begin_short_and_run_out_of_no_side_of_the_picture(show):
     middle = CORNER + HALF
     places = ([90, -60, 150], [-90, 60, 150], [90, 60, 150], [-90, -60, 150])
     sensors = [
-        PageSensor(name, "cam", camera_to_world(middle + at, -np.array(at)), TAN, 50, 900)
+        PageSensor(name, "cam", look_along(middle + at, -np.array(at)), TAN, 50, 900)
         for name, at in zip("ABCD", np.array(places, dtype=float), strict=True)
     ]
     visible = np.tile(np.asarray(example().models[0].visible), (2, 1))

@@ -42,7 +42,7 @@ from glvis.pictures.scenesheets import neutral_rows, perspective_sheet, subtitle
 from glvis.pictures.sheet import Sheet
 from glvis.pictures.stage import Stage, extreme_points
 from glvis.pictures.writing import write_views
-from glvis.problem.camera import Intrinsics, camera_to_world
+from glvis.problem.camera import Intrinsics, look_along
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.reports.report import page_data
@@ -57,7 +57,7 @@ CAM = Sensor("cam", Intrinsics.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.
 def seen_plate(visible, positions=((0, 0, 5), (3, 0, 4)), by_axis=False) -> Seen:
     """A plate of two faces under cameras that look down."""
     visible = np.array(visible, dtype=bool)
-    poses = camera_to_world(np.array(positions[: len(visible)], float), (0, 0, -1), up=(0, 1, 0))
+    poses = look_along(np.array(positions[: len(visible)], float), (0, 0, -1), up=(0, 1, 0))
     model = Model.from_arrays("plate", *plate(6, 6))
     names = tuple("PQRSTUVW"[: len(visible)])
     return Seen(
@@ -318,7 +318,7 @@ def test_text_colours_are_dark_enough_for_white():
 
 
 def test_axis_ends_at_what_the_sensor_aims_at_and_the_frustum_long_before():
-    pose = camera_to_world([1, 2, 3], [0, 1, 0])[None]
+    pose = look_along([1, 2, 3], [0, 1, 0])[None]
     aims = np.array([8.0])
     made = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, aims, with_frusta=True)
     ends, colors, widths = made
@@ -342,7 +342,7 @@ def test_axis_ends_at_what_the_sensor_aims_at_and_the_frustum_long_before():
 
 @pytest.mark.parametrize("aim", [20.0, np.inf])
 def test_no_line_is_longer_than_the_sensor_reaches(aim):
-    pose = camera_to_world([0, 0, 0], [0, 1, 0])[None]
+    pose = look_along([0, 0, 0], [0, 1, 0])[None]
     made = sensor_lines(pose, [CAM], sensor_colors(1), 0.5, np.array([aim]), with_frusta=True)
     assert made[0][..., 1].max() <= CAM.max_distance + 1e-9
 
@@ -396,7 +396,7 @@ def test_halves_share_a_box():
 
 
 def test_bodies_are_closed_wind_outward_and_point_where_the_sensor_looks():
-    pose = camera_to_world([0, 0, 0], [1, 0, 0])[None]
+    pose = look_along([0, 0, 0], [1, 0, 0])[None]
     vertices, faces, colors = sensor_bodies(pose, [CAM], sensor_colors(1), 2.0)
     assert len(colors) == len(faces)
     model = Model.from_arrays("body", vertices, faces)

@@ -10,7 +10,7 @@ from support import oracle, rooms
 from glvis.cli.app import main
 from glvis.cli.wording import large_face_warnings
 from glvis.evaluation.evaluator import Evaluator
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.search.estimate import large_faces
 from glvis.search.placement import place_sensors
 from glvis.study.loading import load_study
@@ -49,7 +49,7 @@ def test_the_truth_is_that_of_an_independent_ray_caster(rng, monkeypatch):
             rng.uniform([0.1, 0.1, 2.2], [5.9, 4.9, 2.6]),
             rng.uniform([1, 1, 0], [5, 4, 1]),
         )
-        pose = camera_to_world(place, aim - place, 0.0, [0, 0, 1])
+        pose = look_along(place, aim - place, 0.0, [0, 0, 1])
         found = rooms.sees(pose, points, normals)
         with monkeypatch.context() as patch:
             patch.setattr(rooms, "FURNITURE", ())

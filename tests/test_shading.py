@@ -9,18 +9,11 @@ from glvis.pictures.coloring import BACK_COLOR
 from glvis.pictures.framing import Eye, View, fitted_eye
 from glvis.pictures.normals import corner_normals
 from glvis.pictures.shading import Canvas, Lines, Solid
-from glvis.problem.camera import camera_to_world, projection_matrix
+from glvis.problem.camera import look_along, projection_matrix
 from glvis.visibility.context import gl_context
 
 UP = (0, 0, 1)
 RED, BLUE, WHITE = np.array([200, 30, 20]), np.array([10, 60, 220]), np.array([255, 255, 255])
-
-
-@pytest.fixture(autouse=True)
-def _no_gl_error():
-    assert gl_context().error == "GL_NO_ERROR"
-    yield
-    assert gl_context().error == "GL_NO_ERROR"
 
 
 def solid(shape, color, opacity=255, **options) -> Solid:
@@ -165,7 +158,7 @@ def test_valley_is_darker_than_its_slopes():
 
 @pytest.mark.parametrize("distance", [0.5, 3.0, 9.0])
 def test_depth_of_a_wall_is_its_distance_along_the_axis(distance):
-    pose = camera_to_world([0, 0, 0], [0, 1, 0])
+    pose = look_along([0, 0, 0], [0, 1, 0])
     eye = Eye(pose, projection_matrix([1.0, 1.0], 0.01, 10.0), np.array([0, 1.0, 0]))
     wall = plate(100, 100, tilt_deg=90)
     with Canvas((16, 16)) as canvas:
@@ -197,7 +190,7 @@ def test_line_has_its_width_and_colour_and_is_faint_behind_a_face():
 
 
 def test_line_that_passes_the_eye_is_cut_and_not_turned_round():
-    pose = camera_to_world([0, 0, 0], [0, 1, 0])
+    pose = look_along([0, 0, 0], [0, 1, 0])
     eye = Eye(pose, projection_matrix([1.0, 1.0], 0.1, 10.0), np.array([0, 1.0, 0]))
     line = Lines([[[0.5, 5, 0], [0.5, -5, 0]]], [[*BLUE, 255]], [3.0])
     picture = flat((40, 40), [], eye, lines=line)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glvis.problem.camera import Intrinsics, camera_to_world, distance_and_angle
+from glvis.problem.camera import Intrinsics, distance_and_angle, look_along
 from glvis.problem.sensor import Sensor
 from glvis.results.spread import Outcome, apart, spread
 from glvis.results.vary import PlannedRun, Point
@@ -36,7 +36,7 @@ def moved(pose, by):
 
 def layout(rng, n):
     place = rng.uniform(-100, 100, (n, 3))
-    return camera_to_world(place, -place, rng.uniform(-1, 1, n), UP)
+    return look_along(place, -place, rng.uniform(-1, 1, n), UP)
 
 
 def outcome(poses, sensors=None, value=1.0, name="run-01", reason="finished", seen=50.0):

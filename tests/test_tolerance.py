@@ -14,7 +14,7 @@ from glvis.cli.tolerance_words import (
     spread_lines,
 )
 from glvis.errors import StudyError
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.results.mounting import setting_of_pose
 from glvis.results.tolerance import (
     AXES,
@@ -106,7 +106,7 @@ def test_planned_worth_is_that_of_the_placement(small):
 
 
 def test_disturbed_sensors_tilt_up_pan_left_and_keep_their_roll_sign():
-    pose = camera_to_world([1, 2, 3], [1, 0, 0], 0.0, [0, 0, 1])
+    pose = look_along([1, 2, 3], [1, 0, 0], 0.0, [0, 0, 1])
     a = math.radians(10)
     settings = [
         setting_of_pose(disturbed(pose, np.zeros(3), turn), [0, 0, 1])
@@ -121,7 +121,7 @@ def test_disturbed_sensors_tilt_up_pan_left_and_keep_their_roll_sign():
 @pytest.mark.parametrize("seed", range(10))
 def test_disturbed_poses_are_rigid_and_as_far_off_as_they_were_told(seed):
     rng = np.random.default_rng(seed)
-    pose = camera_to_world(rng.normal(size=3), rng.normal(size=3), 0.3)
+    pose = look_along(rng.normal(size=3), rng.normal(size=3), 0.3)
     shift, turn = rng.normal(size=(4, 3)), rng.normal(size=(4, 3)) * 10.0 ** -(seed % 10)
     found = disturbed(pose, shift, turn)
     assert np.allclose(found[:, :3, 3] - pose[:3, 3], shift)

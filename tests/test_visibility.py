@@ -7,7 +7,7 @@ import pytest
 from support import shapes
 from support.one_sensor import random_poses, seen, sensor
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.visibility_options import VisibilityOptions, asks_about_points, render_resolution
 from glvis.visibility.visibility_map import VisibilityMap
 
@@ -35,7 +35,7 @@ def test_a_sphere_shows_the_share_that_geometry_says_and_a_finer_mesh_comes_clos
 
 @BOTH
 def test_from_the_diagonal_a_cube_shows_exactly_three_sides(criterion):
-    pose = camera_to_world([3, 3, 3], [-1, -1, -1])
+    pose = look_along([3, 3, 3], [-1, -1, -1])
     visible = seen(shapes.cube(), pose, criterion=criterion)
     # pairs of faces: -x, +x, -y, +y, -z, +z
     assert visible.tolist() == [False, False, True, True] * 3

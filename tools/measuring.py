@@ -107,7 +107,7 @@ def dented_ball(n_faces: int):
 
 def ball_views(n: int):
     """Return n poses around a ball that see it whole, and the sensor."""
-    from glvis.problem.camera import Intrinsics, camera_to_world
+    from glvis.problem.camera import Intrinsics, look_along
     from glvis.problem.sensor import Sensor
 
     k = np.arange(n) + 0.5
@@ -116,7 +116,7 @@ def ball_views(n: int):
     device = Sensor(
         "bench", Intrinsics.from_degrees(66.4, 39.5), (1280, 720), 100, 400, math.radians(70)
     )
-    return camera_to_world(260 * around, -around), device
+    return look_along(260 * around, -around), device
 
 
 def scratch() -> Path:

@@ -97,7 +97,7 @@ def _unrolled_axes(direction: Array, up: Array) -> tuple[Array, Array]:
     return right, np.cross(right, direction)
 
 
-def camera_to_world(
+def look_along(
     position: ArrayLike, direction: ArrayLike, roll: ArrayLike = 0.0, up: ArrayLike = (0, 0, 1)
 ) -> Array:
     """Return poses of cameras at ``position`` that look along ``direction``.
@@ -183,7 +183,7 @@ def look_at(
         raise ValueError("roll_deg must be finite")
     if (position == target).all(axis=-1).any():
         raise ValueError("target must not be where the camera stands")
-    return camera_to_world(position, target - position, np.radians(roll_deg), up)
+    return look_along(position, target - position, np.radians(roll_deg), up)
 
 
 def position_direction_roll(

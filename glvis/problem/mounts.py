@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.problem.camera import camera_to_world, direction_from_angles, mirrored_pose
+from glvis.problem.camera import direction_from_angles, look_along, mirrored_pose
 from glvis.problem.expressions import Linear, plain_name, resolved, substituted
 from glvis.problem.layout import (
     ANGLE,
@@ -146,7 +146,7 @@ class Rig:
         place = self._places(numbers)
         direction = self._directions(numbers, place)
         roll = np.radians(numbers[..., ROLL])
-        return self._with_mirrors(camera_to_world(place, direction, roll, self.up))
+        return self._with_mirrors(look_along(place, direction, roll, self.up))
 
     @cached_property
     def _terms(self) -> list[tuple[Array, NDArray[np.intp]]]:

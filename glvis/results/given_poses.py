@@ -17,7 +17,7 @@ import numpy as np
 from glvis.common.complaints import checked
 from glvis.common.files import json_value, read_text
 from glvis.errors import StudyError
-from glvis.problem.camera import camera_to_world, rigid_inverse
+from glvis.problem.camera import look_along, rigid_inverse
 from glvis.problem.rotations import OPTICAL, Floats, rotation
 from glvis.problem.study import Study
 from glvis.problem.units import MM_PER_UNIT
@@ -109,7 +109,7 @@ def _row_pose(row: Mapping[str, str], has_quaternion: bool, study: Study) -> dic
         roll = _number(row, "roll_deg") if row.get("roll_deg") else 0.0
         if not any(direction):
             raise StudyError(f"the direction of '{row['name']}' is zero")
-        pose = camera_to_world(place, direction, math.radians(roll), study.up)
+        pose = look_along(place, direction, math.radians(roll), study.up)
     return {"name": row["name"], "camera_to_world": pose.tolist()}
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.problem.camera import camera_to_world, position_direction_roll
+from glvis.problem.camera import look_along, position_direction_roll
 from glvis.search.placement import Placement
 
 Floats = NDArray[np.float64]
@@ -90,7 +90,7 @@ def pose_of_setting(position: ArrayLike, setting: Setting, up: ArrayLike) -> Flo
         pose[:3, 3] = position
         return pose
     direction = heading * math.cos(tilt) + axis * math.sin(tilt)
-    return camera_to_world(position, direction, math.radians(setting.roll_deg), axis)
+    return look_along(position, direction, math.radians(setting.roll_deg), axis)
 
 
 def mounting_lines(placement: Placement) -> list[str]:

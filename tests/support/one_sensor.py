@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from glvis.problem.camera import Intrinsics, camera_to_world
+from glvis.problem.camera import Intrinsics, look_along
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.problem.visibility_options import VisibilityOptions
@@ -17,7 +17,7 @@ from glvis.visibility.points import grid_size, large_faces
 from glvis.visibility.views import Views
 
 # Looks down -z from the origin: shapes.plate with its normal +z looks back at it.
-DOWN = camera_to_world([0, 0, 0], [0, 0, -1], up=(0, 1, 0))
+DOWN = look_along([0, 0, 0], [0, 0, -1], up=(0, 1, 0))
 
 
 def sensor(
@@ -72,7 +72,7 @@ def random_poses(rng: np.random.Generator, n: int, distance: float = 3.0) -> np.
         / np.linalg.norm(position, axis=1, keepdims=True)
     )
     target = rng.uniform(-0.5, 0.5, size=(n, 3))
-    return camera_to_world(position, target - position, rng.uniform(-np.pi, np.pi, size=n))
+    return look_along(position, target - position, rng.uniform(-np.pi, np.pi, size=n))
 
 
 class Looking:

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from glvis.problem.camera import camera_to_world
+from glvis.problem.camera import look_along
 from glvis.problem.sensor import Sensor
 from glvis.visibility.selftest import can_cast
 from support.figures import Figures, Truth
@@ -210,7 +210,7 @@ def poses_about(
             along = np.cross(away, aside)
             along /= np.linalg.norm(along)
             direction = along - 0.1 * away if place == BESIDE else 0.6 * along - away
-        made.append(camera_to_world(position, direction, float(rng.uniform(-np.pi, np.pi))))
+        made.append(look_along(position, direction, float(rng.uniform(-np.pi, np.pi))))
     return np.array(made).reshape(-1, 4, 4)
 
 
