@@ -5,6 +5,7 @@ import pytest
 from glvis.cli.app import main
 from glvis.errors import StudyError
 from glvis.problem.search_options import METHODS
+from glvis.problem.units import MM_PER_UNIT
 from glvis.study import schema
 from glvis.study.keys import KEY_TABLES, tables_about
 from glvis.study.overrides import toml_text
@@ -48,7 +49,7 @@ def test_defaults_are_those_of_the_schema():
     [
         ("[search]", "method", METHODS),
         ("[objective]", "kind", ("of1", "of2", "of3")),
-        ("a study", "unit", tuple(schema.MM_PER_UNIT)),
+        ("a study", "unit", tuple(MM_PER_UNIT)),
     ],
 )
 def test_every_choice_is_named(name, key, words):

@@ -92,7 +92,7 @@ class ViewList:
     rows : (n,) VIEW
         One a view.
     first_row : int
-        Where they begin in all that is told.
+        Where they begin among all uniforms.
     """
 
     rows: NDArray[np.void]
@@ -107,7 +107,7 @@ class Batch:
     ----------
     question : Question
         The query.
-    asked : ViewList
+    countable : ViewList
         Clusters that may have a face to count.
     tan_half : (2,) float64
         Tangents of the views' half opening angles.
@@ -121,7 +121,7 @@ class Batch:
     """
 
     question: Question
-    asked: ViewList
+    countable: ViewList
     tan_half: Floats
     hiding: list[ViewList]
     listed: Words
@@ -130,15 +130,15 @@ class Batch:
     @classmethod
     def of(cls, views: Views, some: slice, question: Question, culled: Culled) -> Batch:
         """Return the batch of some of the views, of what all of them keep of the scene."""
-        told = _of_views(views, some, question)
+        uniforms = _of_views(views, some, question)
         columns = question.scene.columns
-        n = len(told)
-        asked, hiding, parts, first = None, [], [], 0
+        n = len(uniforms)
+        countable, hiding, parts, first = None, [], [], 0
         masks = [(question.target, culled.countable)]
         masks += [(surface, culled.occludes) for surface in question.occluders]
         for number, (surface, mask) in enumerate(masks):
             entries, begin, n_listed, groups = _listed(mask[some, columns[surface]], surface)
-            rows = told.copy()
+            rows = uniforms.copy()
             rows["lattice"] = surface.lattice
             rows["size_log2"] = surface.clusters.size.bit_length() - 1
             rows["groups_a_column"] = groups
@@ -154,15 +154,15 @@ class Batch:
                 hiding.append(ViewList(rows, number * n))
             else:
                 rows["first_record"] = len(surface.clusters.order) * np.arange(n)
-                asked = ViewList(rows, 0)
-        assert asked is not None
+                countable = ViewList(rows, 0)
+        assert countable is not None
         dispatches = np.ones((len(hiding), n, 2, 4), dtype=np.uint32)
         dispatches[..., [0, 3]] = 0
         for request, one in zip(dispatches, hiding, strict=True):
             request[:, 0, 1] = one.rows["groups_a_column"]
         return cls(
             question,
-            asked,
+            countable,
             views.tan_half,
             hiding,
             np.concatenate(parts),
@@ -171,7 +171,7 @@ class Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class Closer:
+class PartsOfFaces:
     """Faces of the targets that are looked at in several points, view by view.
 
     Attributes
@@ -208,7 +208,7 @@ class LargeFaces:
     @classmethod
     def of(cls, batch: Batch, poses: Floats, marked: Words) -> LargeFaces:
         """Return those of a batch, from poses (n, 4, 4), among records (K,) that ask has marked."""
-        question, rows, half = batch.question, batch.asked.rows, batch.tan_half[:, None]
+        question, rows, half = batch.question, batch.countable.rows, batch.tan_half[:, None]
         clusters = question.target.clusters
         model = clusters.model
         assert question.large is not None
@@ -223,9 +223,9 @@ class LargeFaces:
         kept = shares >= question.large.least
         return cls(view[kept], place[kept], shares[kept])
 
-    def unseen(self, batch: Batch, parts: int, visible: Bools) -> Closer:
+    def unseen(self, batch: Batch, parts: int, visible: Bools) -> PartsOfFaces:
         """Return those of which no point is visible (n, F) yet, to be looked at in parts."""
-        rows, large = batch.asked.rows, batch.question.large
+        rows, large = batch.countable.rows, batch.question.large
         clusters = batch.question.target.clusters
         assert large is not None
         face = clusters.order[self.place]
@@ -238,11 +238,11 @@ class LargeFaces:
         groups = max(1, -(-most // (GROUP * MOST_GROUPS)))
         multiple = groups * GROUP // parts**2
         entries, begin, n = _filled(self.view[some], self.place[some], len(rows), multiple)
-        told = rows.copy()
-        told["first_listed"], told["n_listed"] = len(batch.listed) + begin, n
-        told["groups_a_column"] = groups
-        told["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
-        return Closer(parts, entries, ViewList(told, len(rows) * (1 + len(batch.hiding))))
+        uniforms = rows.copy()
+        uniforms["first_listed"], uniforms["n_listed"] = len(batch.listed) + begin, n
+        uniforms["groups_a_column"] = groups
+        uniforms["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
+        return PartsOfFaces(parts, entries, ViewList(uniforms, len(rows) * (1 + len(batch.hiding))))
 
 
 def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:
@@ -278,27 +278,27 @@ def tiles(grid: tuple[int, int]) -> tuple[int, int]:
 
 
 def _of_views(views: Views, some: slice, question: Question) -> NDArray[np.void]:
-    """Return what is told of each view alone, the rest 0, (n,) VIEW."""
+    """Return the uniforms of each view alone, the rest 0, (n,) VIEW."""
     origin, limits, half = question.scene.origin, views.limits, views.tan_half
     to_camera = views.world_to_camera[some].copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
     to_camera[:, 2] *= -1  # depth instead of z
     to_grid = to_camera.copy()
     to_grid[:, :2] *= (np.array(question.grid) / 2 / half)[:, None]
-    told = np.zeros(len(to_grid), dtype=VIEW)
-    told["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
-    told["eye"][:, :3] = views.eye[some] - origin
-    told["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
-    told["backwards"][:, 3] = limits.min_axis_cos
-    told["working_range"] = limits.min_distance, limits.max_distance
-    told["min_ray_cos"] = limits.min_ray_cos
-    told["near"] = views.near[some]
-    told["size"] = question.grid
+    uniforms = np.zeros(len(to_grid), dtype=VIEW)
+    uniforms["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
+    uniforms["eye"][:, :3] = views.eye[some] - origin
+    uniforms["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
+    uniforms["backwards"][:, 3] = limits.min_axis_cos
+    uniforms["working_range"] = limits.min_distance, limits.max_distance
+    uniforms["min_ray_cos"] = limits.min_ray_cos
+    uniforms["near"] = views.near[some]
+    uniforms["size"] = question.grid
     if question.large:
         # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
         span = (np.sqrt(1 + half**2) / (2 * half)).max() / question.large.least
-        told["span"] = (1 + _SLACK) * span
-    number = np.arange(len(told))
-    told["first_row"] = question.grid[1] * number
-    told["first_tile_row"] = tiles(question.grid)[1] * number
-    return told
+        uniforms["span"] = (1 + _SLACK) * span
+    number = np.arange(len(uniforms))
+    uniforms["first_row"] = question.grid[1] * number
+    uniforms["first_tile_row"] = tiles(question.grid)[1] * number
+    return uniforms

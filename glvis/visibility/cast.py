@@ -21,7 +21,16 @@ from numpy.typing import NDArray
 
 from glvis.problem.sensor import Sensor
 from glvis.problem.visibility_options import VisibilityOptions
-from glvis.visibility.batch import GROUP, VIEW, Batch, Closer, LargeFaces, Question, ViewList, tiles
+from glvis.visibility.batch import (
+    GROUP,
+    VIEW,
+    Batch,
+    LargeFaces,
+    PartsOfFaces,
+    Question,
+    ViewList,
+    tiles,
+)
 from glvis.visibility.clusters import Clusters
 from glvis.visibility.context import gl_context
 from glvis.visibility.culling import Culled
@@ -141,13 +150,13 @@ class Caster:
 
     def _see(self, batch: Batch, poses: Floats, visible: Bools) -> bool:
         """Mark what the views of a batch see, in place, (n, F) bool; return if all is found."""
-        if not batch.asked.rows["n_listed"].any():
+        if not batch.countable.rows["n_listed"].any():
             return True
         clusters = batch.question.target.clusters
         n_records = len(visible) * len(clusters.order)
         self._bind(batch, n_records)
-        listed = batch.asked.rows["n_listed"]
-        self._run("ask", batch.asked, listed * clusters.size)
+        listed = batch.countable.rows["n_listed"]
+        self._run("ask", batch.countable, listed * clusters.size)
         self._hide(batch, listed > 0)
         free, marked = self._found(0, n_records)
         _mark(visible, free, clusters)
@@ -156,16 +165,16 @@ class Caster:
             return finished
         faces = LargeFaces.of(batch, poses, marked)
         for parts in (large.few, large.many):
-            closer = faces.unseen(batch, parts, visible)
-            if not len(closer.entries):
+            several = faces.unseen(batch, parts, visible)
+            if not len(several.entries):
                 continue
-            if not _fits(n_records + parts**2 * len(closer.entries)):
+            if not _fits(n_records + parts**2 * len(several.entries)):
                 return False
-            self._bind(batch, n_records, closer)
-            listed = closer.list.rows["n_listed"]
-            self._run("ask", closer.list, listed * parts**2, f"PARTS {parts}")
+            self._bind(batch, n_records, several)
+            listed = several.list.rows["n_listed"]
+            self._run("ask", several.list, listed * parts**2, f"PARTS {parts}")
             self._hide(batch, listed > 0)
-            free, _ = self._found(n_records, parts**2 * len(closer.entries))
+            free, _ = self._found(n_records, parts**2 * len(several.entries))
             _mark(visible, free, clusters)
             finished &= self._has_finished()
         return finished
@@ -213,28 +222,28 @@ class Caster:
         offset = VIEW.itemsize * (clusters.first_row + row)
         self._buffers["told"].bind_to_uniform_block(0, offset=offset, size=VIEW.itemsize)
 
-    def _bind(self, batch: Batch, n_records: int, closer: Closer | None = None) -> None:
+    def _bind(self, batch: Batch, n_records: int, several: PartsOfFaces | None = None) -> None:
         """Send what is told of a batch, and bind all that the passes share; no point is asked yet.
 
         Records of what was asked before are left as they are, where points are asked about.
         """
-        lists = [batch.asked, *batch.hiding, *([closer.list] if closer else [])]
+        lists = [batch.countable, *batch.hiding, *([several.list] if several else [])]
         # as bytes: NumPy joins tables slowly
         told = [one.rows.view(f"V{VIEW.itemsize}") for one in lists]
         self._hold("told", np.concatenate(told))
         self._hold("dispatches", batch.dispatches).bind_to_storage_buffer(_DISPATCHES)
         unfinished = self._hold("unfinished", np.zeros(1, dtype=np.uint32))
         unfinished.bind_to_storage_buffer(_UNFINISHED)
-        listed = np.concatenate([batch.listed, *([closer.entries] if closer else [])])
+        listed = np.concatenate([batch.listed, *([several.entries] if several else [])])
         self._hold("listed", listed).bind_to_storage_buffer(_LISTED)
-        n_free = n_records + (closer.parts**2 * len(closer.entries) if closer else 0)
+        n_free = n_records + (several.parts**2 * len(several.entries) if several else 0)
         free = self._room("free", 4 * n_free)
         free.clear()
         free.bind_to_storage_buffer(_FREE)
         records = self._texture("records", 4, (_RECORDS_A_LINE, -(-n_free // _RECORDS_A_LINE)))
         records.bind_to_image(_RECORDS_OUT, read=False, write=True)
         records.use(_RECORDS)
-        n, (width, height) = len(batch.asked.rows), batch.question.grid
+        n, (width, height) = len(batch.countable.rows), batch.question.grid
         self._clear("heads", _HEADS, _HEADS_OUT, (width, n * height))
         across, up = tiles(batch.question.grid)
         self._clear("tiles", _TILES, _TILES_OUT, (across, n * up))

@@ -74,8 +74,8 @@ def visible_of(
         if large is None:
             continue
         for n in (large.few, large.many):
-            closer = _unseen_large(large, n, places, target, seen, pose, views, near)
-            parts = parts_in_camera(table, model, closer, pose, n)
+            several = _unseen_large(large, n, places, target, seen, pose, views, near)
+            parts = parts_in_camera(table, model, several, pose, n)
             _mark(seen, parts[pass_filters(parts, views.limits)], occluders, near)
     return visible
 
