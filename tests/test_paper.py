@@ -1,17 +1,14 @@
 """The page that leads from the paper to the code names what exists, and leaves no step out."""
 
-import ast
 import importlib
 import re
-from functools import cache
-from pathlib import Path
 
 import pytest
+from support.named_tests import TESTS, cases_named, is_there
 
-TESTS = Path(__file__).resolve().parent
 PAGE = (TESTS.parent / "glvis" / "docs" / "paper.md").read_text(encoding="utf-8")
 NAMES = sorted(set(re.findall(r"`(glvis(?:\.\w+)+)`", PAGE)))
-CASES = sorted(set(re.findall(r"`(\w+\.py::\w+)`", PAGE)))
+CASES = cases_named(PAGE)
 STEPS = {
     *("CropFOV", "CropBack", "CropNorm", "CropNear", "RGB-D filter", "obstacle model"),
     *("sweep strategy", "centroid strategy", "VM", "OF1", "OF1_area", "OF2", "OF3"),
@@ -51,12 +48,6 @@ def named(name: str) -> object:
     raise ModuleNotFoundError(name)
 
 
-@cache
-def cases_in(file: str) -> set[str]:
-    tree = ast.parse((TESTS / file).read_text(encoding="utf-8"))
-    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-
-
 def test_each_step_of_the_paper_has_one_row():
     steps = [row[0] for row in rows()]
     assert sorted(set(steps)) == sorted(steps)
@@ -78,9 +69,7 @@ def test_each_function_that_is_named_exists(name):
 
 @pytest.mark.parametrize("case", CASES)
 def test_each_test_that_is_named_exists(case):
-    file, _, name = case.partition("::")
-    assert name.startswith("test_")
-    assert name in cases_in(file)
+    assert is_there(case)
 
 
 @pytest.mark.parametrize("name", ["glvis.no_such.thing", "glvis.problem.camera.no_such"])
