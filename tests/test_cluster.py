@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -322,6 +323,34 @@ def test_a_worker_that_comes_later_is_given_the_scene_too(dask, study, jobs):
     maps.release()
     assert_same_maps(made, study, jobs)
     assert maps.names == ("bob",) and maps.warnings == [lost("ann")]
+
+
+@pytest.mark.parametrize("others", [("ann",), ()])
+def test_a_later_worker_of_another_version_is_given_no_more(dask, study, jobs, others):
+    dask.have("ann")
+    maps = ClusterMaps(MapScene.of(study), dask.address)
+    fact = r"worker old has glvis-placement 0\.0\.9, this process [\d.]+; install the same on all"
+    try:
+        dask.have(*others, "old")
+        there = dask.client.scheduler_info(n_workers=-1)["workers"]
+        (address,) = (one for one, worker in there.items() if worker["name"] == "old")
+        dask.client.run(
+            lambda: sys.modules["glvis.evaluation.remote"].VERSIONS.update(
+                {"glvis-placement": "0.0.9"}
+            ),
+            workers=[address],
+        )
+        if not others:
+            with pytest.raises(MachineError, match=fact):
+                list(maps.make(jobs))
+            return
+        made = list(maps.make(jobs * 4))
+        assert_same_maps(made, study, jobs * 4)
+        (warning,) = maps.warnings
+        assert re.match(fact, warning) and warning.endswith("its maps were made by others")
+    finally:
+        maps.release()
+        dask.have("ann")
 
 
 def test_threads_of_a_worker_draw_one_after_the_other(dask, study, jobs):

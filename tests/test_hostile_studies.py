@@ -76,6 +76,11 @@ TOO_MUCH = {  # what is put in place of what: what the line says
         ) + "[swarm]",
         "must hold at most 500 sensors",
     ),
+    "mounts": (
+        "[objective]", "[[mount]]\nname='x'\nsensor='eye'\nposition=[0,0,4]\naim=[0,0,0]\n" * 500
+        + "[objective]",
+        "at most 500",
+    ),
     "file": ("[swarm]", f"# {'x' * MOST_TOML}\n[swarm]", "is larger than 0.3 MB"),
     "values of a varied key": (
         "[swarm]", f"[vary]\nmounts = {list(range(1, 1002))}\n[swarm]",

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import count
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
@@ -22,11 +22,11 @@ import numpy as np
 
 from glvis.common.hints import installed_by
 from glvis.errors import MachineError, StudyError
-from glvis.evaluation.jobs import TIMEOUT_LEAST, job_timeout, share_out
+from glvis.evaluation.jobs import TIMEOUT_LEAST, Batch, job_timeout, share_out
 from glvis.visibility.maps import Bits, MapJob, MapScene
 
 if TYPE_CHECKING:
-    from glvis.evaluation.remote import Answer
+    from glvis.evaluation.remote import Answer, Unfit
 
 # Seconds without any answer after which a cluster is given up: before that, others take over from
 # a worker that hangs (TIMEOUT_MOST at most) or falls silent (dask's worker-ttl, 300 s).
@@ -168,9 +168,8 @@ class ClusterMaps:
                 name="glvis",
             )
         except (OSError, TimeoutError, ValueError) as error:
-            raise MachineError(
-                f"no dask scheduler answers at {self.address}: {_first_line(error)}"
-            ) from error
+            fact = str(error).strip().partition("\n")[0] or type(error).__name__
+            raise MachineError(f"no dask scheduler answers at {self.address}: {fact}") from error
 
     def _check_versions(self) -> None:
         """Refuse workers, and a scheduler, that have other packages than this process."""
@@ -209,23 +208,29 @@ class ClusterMaps:
 
     def _answers(self, jobs: Sequence[MapJob | None]) -> Iterator[dict[int, Answer]]:
         """Yield the answers to jobs as they come, by their number."""
-        call = _Batch(jobs)
+        call = Batch(jobs)
         self._submit(call, list(call.jobs))
         self._heard = time.monotonic()
         while call.jobs:
-            answers = self._gather(call, self._ready(call))
-            self._heard = time.monotonic()
-            for number, (worker, _, bits, seconds) in answers.items():
+            answers: dict[int, Answer] = {}
+            for number, answer in self._gather(call, self._ready(call)).items():
+                if not isinstance(answer, tuple):
+                    self._set_aside(call, number, answer)
+                    continue
+                answers[number] = answer
+                worker, _, bits, seconds = answer
                 del call.jobs[number]
                 call.since.pop(worker, None)
                 self._warm.add(worker)
                 if len(bits):
                     self._slowest = max(self._slowest, seconds / len(bits))
+            self._heard = time.monotonic()
             if not call.jobs:  # who was lost on the way is a warning of this call
                 self._update_workers()
-            yield answers
+            if answers:
+                yield answers
 
-    def _submit(self, call: _Batch, numbers: Sequence[int]) -> None:
+    def _submit(self, call: Batch, numbers: Sequence[int]) -> None:
         """Give jobs of a call to the cluster, to workers that do not hang if there are any."""
         keys = [(f"glvis-maps-{self._run}", next(self._number)) for _ in numbers]
         able = sorted(self._crew.keys() - self._hung) or None
@@ -244,7 +249,7 @@ class ClusterMaps:
             call.futures[number] = future
             future.add_done_callback(lambda one, number=number: call.done.put((number, one)))
 
-    def _ready(self, call: _Batch) -> dict[int, Any]:
+    def _ready(self, call: Batch) -> dict[int, Any]:
         """Wait for answers; return their futures by number."""
         while True:
             with suppress(Empty):
@@ -258,7 +263,7 @@ class ClusterMaps:
             self._relieve_hung(call)
             self._check_silence()
 
-    def _relieve_hung(self, call: _Batch) -> None:
+    def _relieve_hung(self, call: Batch) -> None:
         """Let others make what a worker has held for too long, and give it no more.
 
         Silence is measured where none answers: while others do, it holds nothing up.
@@ -274,7 +279,7 @@ class ClusterMaps:
                 continue
             self._exclude(call, address, numbers, waited)
 
-    def _held_jobs(self, call: _Batch) -> dict[str, list[int]]:
+    def _held_jobs(self, call: Batch) -> dict[str, list[int]]:
         """Return the jobs without an answer that each worker holds, by address."""
         number_of = {future.key: number for number, future in call.futures.items()}
         return {
@@ -283,7 +288,7 @@ class ClusterMaps:
             if (mine := [n for key in keys if (n := number_of.get(key)) in call.jobs])
         }
 
-    def _exclude(self, call: _Batch, address: str, numbers: Sequence[int], waited: float) -> bool:
+    def _exclude(self, call: Batch, address: str, numbers: Sequence[int], waited: float) -> bool:
         """Give a worker no more, and its jobs to others; return False where there are none."""
         if not self._crew.keys() - self._hung - {address}:
             return False
@@ -297,7 +302,16 @@ class ClusterMaps:
         self._heard = time.monotonic()
         return True
 
-    def _gather(self, call: _Batch, ready: dict[int, Any]) -> dict[int, Answer]:
+    def _set_aside(self, call: Batch, number: int, unfit: Unfit) -> None:
+        """Give a worker that can make no maps no more, and its job to others."""
+        self._update_workers()
+        if not self._crew.keys() - self._hung - {unfit.address}:
+            raise MachineError(unfit.reason)
+        self._hung.add(unfit.address)
+        self._warn(f"{unfit.reason}; it is given no more, and its maps were made by others")
+        self._submit(call, [number])
+
+    def _gather(self, call: Batch, ready: dict[int, Any]) -> dict[int, Answer | Unfit]:
         """Return answers that are ready, without those of a worker that hangs with them made."""
         began = time.monotonic()
         try:
@@ -308,7 +322,7 @@ class ClusterMaps:
         by_holder: dict[str, dict[int, Any]] = {}
         for number, future in ready.items():
             by_holder.setdefault(next(iter(holders[future.key]), ""), {})[number] = future
-        answers: dict[int, Answer] = {}
+        answers: dict[int, Answer | Unfit] = {}
         for address, theirs in by_holder.items():
             with suppress(TimeoutError):
                 if len(by_holder) > 1:  # else it is known to hang
@@ -322,7 +336,7 @@ class ClusterMaps:
                     raise self._silence() from error
         return answers
 
-    def _fetch(self, ready: dict[int, Any], timeout: float) -> dict[int, Answer]:
+    def _fetch(self, ready: dict[int, Any], timeout: float) -> dict[int, Answer | Unfit]:
         """Return what futures hold, by number, or raise TimeoutError after so many seconds.
 
         What was lost on its way dask makes again.
@@ -373,16 +387,6 @@ class ClusterMaps:
         )
 
 
-class _Batch:
-    """Jobs that wait for an answer, and how it will come."""
-
-    def __init__(self, jobs: Sequence[MapJob | None]) -> None:
-        self.jobs = dict(enumerate(jobs))
-        self.futures: dict[int, Any] = {}  # the latest of each
-        self.done: SimpleQueue[tuple[int, Any]] = SimpleQueue()  # numbers and futures
-        self.since: dict[str, float] = {}  # when workers were seen to hold jobs without an answer
-
-
 def _import_dask() -> tuple[Any, Any]:
     try:
         import distributed
@@ -394,7 +398,3 @@ def _import_dask() -> tuple[Any, Any]:
         ) from error
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are told here
     return distributed, remote
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).strip().partition("\n")[0] or type(error).__name__

@@ -6,6 +6,8 @@ The same for processes here and for a cluster.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from queue import SimpleQueue
+from typing import Any
 
 from glvis.visibility.maps import MapJob
 
@@ -55,3 +57,13 @@ def share_out(
             first, left = first + size, left - len(parts[-1])
         spans.append((begin, len(parts)))
     return parts, spans
+
+
+class Batch:
+    """Jobs that wait for an answer, and how it will come."""
+
+    def __init__(self, jobs: Sequence[MapJob | None]) -> None:
+        self.jobs = dict(enumerate(jobs))
+        self.futures: dict[int, Any] = {}  # the latest of each
+        self.done: SimpleQueue[tuple[int, Any]] = SimpleQueue()  # numbers and futures
+        self.since: dict[str, float] = {}  # when workers were seen to hold jobs without an answer

@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,15 @@ from glvis.visibility.maps import Bits, LocalMaps, MapJob, MapScene
 
 # Address of the worker, its OpenGL driver, maps, the seconds they took.
 Answer = tuple[str, GlInfo, Bits, float]
+
+
+@dataclass(frozen=True)
+class Unfit:
+    """A worker that can make no maps: its address, and why."""
+
+    address: str
+    reason: str
+
 
 DISTRIBUTION = "glvis-placement"  # what pip and dask know the package by
 VERSIONS = {DISTRIBUTION: __version__, "numpy": np.__version__}  # what decides the bits of maps
@@ -69,8 +79,10 @@ class SceneThere(WorkerPlugin):
             self._maps.release()
 
 
-def draw(job: MapJob | None, scene: str, versions: Mapping[str, str]) -> Answer:
-    """Return the maps of a job, or without one only the OpenGL driver.
+def draw(job: MapJob | None, scene: str, versions: Mapping[str, str]) -> Answer | Unfit:
+    """Return the maps of a job, or without one only the OpenGL driver; or why this worker cannot.
+
+    A worker may come late, with other packages or without OpenGL, and the others go on.
 
     Parameters
     ----------
@@ -80,20 +92,18 @@ def draw(job: MapJob | None, scene: str, versions: Mapping[str, str]) -> Answer:
         Name of a ``SceneThere``.
     versions : mapping
         Of packages, where the search runs.
-
-    Raises
-    ------
-    MachineError
-        Where there is no OpenGL here, or other versions.
     """
     worker = get_worker()
     who = f"worker {worker.name}"
-    compare_versions(who, VERSIONS, versions)
+    try:
+        compare_versions(who, VERSIONS, versions)
+    except MachineError as error:
+        return Unfit(worker.address, str(error))
     began = time.monotonic()
     try:
         gl, bits = worker.plugins[scene].draw(job)
     except (MachineError, OSError) as error:
-        raise MachineError(f"{who}: {error}") from error
+        return Unfit(worker.address, f"{who}: {error}")
     return worker.address, gl, bits, time.monotonic() - began
 
 
