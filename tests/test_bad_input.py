@@ -1,5 +1,6 @@
 """Bad input of every kind ends in one clear line, exit code 2 or 1, and no half a result."""
 
+import errno
 import os
 import struct
 import subprocess
@@ -287,6 +288,25 @@ def test_full_disk_is_one_line_and_leaves_nothing(capsys, folder, monkeypatch):
     assert code == 1
     assert line == f"error: {folder / 'out'}: cannot be written to: No space left on device"
     assert not (folder / "out").exists()
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
+def test_a_disk_that_takes_no_result_costs_no_search(capsys, folder, monkeypatch, code):
+    def refuse(path, arrays):
+        raise OSError(code, os.strerror(code))
+
+    study, out, whole = folder / "study" / "study.toml", folder / "out", folder / "whole"
+    quick = ["--no-pictures", "--workers", "1"]
+    with monkeypatch.context() as disk:
+        disk.setattr("glvis.results.result.write_npz", refuse)
+        assert main(["optimize", str(study), "-o", str(out), *quick]) == 1
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith(f"error: {out}: cannot be written to: {os.strerror(code)}")
+    assert line.endswith(f"glvis optimize --resume {out}")
+    assert main(["optimize", "--resume", str(out), *quick]) == 0
+    assert main(["optimize", str(study), "-o", str(whole), *quick]) == 0
+    for name in ("visibility.npz", "coverage.csv", "poses.csv"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes()
 
 
 @pytest.mark.parametrize(

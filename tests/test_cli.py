@@ -344,6 +344,14 @@ def test_one_kind_of_picture_is_made_as_asked(glvis_cli, study, tmp_path):
     assert (out / names[0]).read_bytes() != picture
 
 
+def test_a_single_picture_is_told_as_one(glvis_cli, study, tmp_path):
+    study.write_text(study.read_text().replace('"cube.off", "small.off"', '"cube.off"'))
+    out = tmp_path / "out"
+    glvis_cli("evaluate", study, "-o", out, "--no-pictures")
+    _, text, _ = glvis_cli("render", out, "--color", "unseen")
+    assert text == f"1 picture in {out}: views/cube-unseen.png\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "fact"),
     [

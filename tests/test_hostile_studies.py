@@ -1,6 +1,7 @@
 """Studies that nobody means: absurd numbers, names, patterns and depths end in one short line."""
 
 import os
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -194,6 +195,12 @@ def test_names_that_are_no_utf_8_are_told_before_anything_is_run(capsys, folder)
         "rename the file or its folder"
     )
     cube.rename(folder / "cube.off")
+    (folder / "study.toml").write_text(SMALL)
+    other = Path(os.fsdecode(os.fsencode(folder.parent) + b"/b\xe4lle"))
+    shutil.copytree(folder, other)
+    for command in (["check"], ["optimize", "-o", folder / "out"]):
+        line = refused(capsys, command[0], other / "study.toml", *command[1:])
+        assert "no UTF-8" in line or "no text in UTF-8" in line
     title = os.fsdecode(b"title=\xe4")
     line = refused(capsys, "check", folder / "study.toml", "--set", title)
     assert line == r"error: title=\xe4: is no text in UTF-8; rename what it names"

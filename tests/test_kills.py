@@ -154,6 +154,19 @@ def test_optimize(study, tmp_path):
     assert_all(kills.gone_on_from(overwritten, (*words, "--overwrite"), pictures=True), whole)
 
 
+def test_pictures_that_were_begun_are_gone_where_a_resume_makes_none(study, tmp_path):
+    kills = Kills(tmp_path / "out")
+    words, resume = ("optimize", study, "-o", kills.out), ("optimize", "--resume", kills.out)
+    assert run(*words) == 0
+    bare = kills.content()
+    assert "views" not in bare
+    kills.folder.put({})
+    kills.of(*words, pictures=True)
+    kills.states = [one for one in kills.states if "unfinished/views" in one[1]]
+    assert len(kills.states) > 20
+    assert_all(kills.gone_on_from(resumed, resume), bare)
+
+
 def test_overwrite(study, tmp_path):
     kills = Kills(tmp_path / "out")
     words, resume = ("optimize", study, "-o", kills.out), ("optimize", "--resume", kills.out)
