@@ -23,6 +23,8 @@ from glvis.cli.options import (
 from glvis.errors import StudyError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from glvis.problem.study import Study
     from glvis.search.placement import Placement
 
@@ -154,9 +156,7 @@ def evaluate(
     Writes study.toml (as run), result.json (poses, coverage), coverage.csv and sensors.csv
     (tables), visibility.npz (which sensor sees which face) and pictures in views/.
     """
-    from glvis.cli.terminal import say
-    from glvis.cli.wording import result_lines
-    from glvis.reports.delivery import Look, deliver, left_out_lines, summary_of_files
+    from glvis.reports.delivery import Look, deliver
     from glvis.results.folder import result_folder
     from glvis.results.given_poses import read_given_poses
     from glvis.search.placement import evaluate_poses
@@ -172,15 +172,7 @@ def evaluate(
             placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,
             look=Look(all_pictures=all_pictures),
         )  # fmt: skip
-    for line in result_lines(placement):
-        say(line)
-    for warning in [*warnings, *failures]:
-        say(f"Warning: {warning}")
-    say(summary_of_files(output))
-    for line in left_out_lines(output):
-        say(line)
-    if failures:
-        raise typer.Exit(1)
+    _say_what_came(placement, output, warnings, failures)
 
 
 @commands.command(
@@ -254,9 +246,8 @@ def optimize(
     """
     from glvis.cli.series_commands import optimize_many
     from glvis.cli.terminal import progress_shown, say
-    from glvis.cli.wording import result_lines
     from glvis.evaluation.workers import available_cores
-    from glvis.reports.delivery import Look, deliver, left_out_lines, summary_of_files
+    from glvis.reports.delivery import Look, deliver
     from glvis.results.folder import STUDY, result_folder, series_index, settle_folder
     from glvis.search.placement import place_sensors
     from glvis.search.reach import Sampler
@@ -320,15 +311,7 @@ def optimize(
             placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,
             look=Look(all_pictures=all_pictures),
         )  # fmt: skip
-    for line in result_lines(placement):
-        say(line)
-    for warning in [*placement.warnings, *failures]:
-        say(f"Warning: {warning}")
-    say(summary_of_files(directory))
-    for line in left_out_lines(directory):
-        say(line)
-    if failures:
-        raise typer.Exit(1)
+    _say_what_came(placement, directory, placement.warnings, failures)
 
 
 def _warnings(study: Study) -> list[str]:
@@ -348,3 +331,22 @@ def _say_that_pictures_come(wanted: bool) -> None:
 
     if wanted:
         say("Making the pictures ...", error=True)
+
+
+def _say_what_came(
+    placement: Placement, directory: Path, warnings: Sequence[str], failures: Sequence[str]
+) -> None:
+    """Tell a result and its files; exit code 1 if some of them failed."""
+    from glvis.cli.terminal import say
+    from glvis.cli.wording import result_lines
+    from glvis.reports.delivery import left_out_lines, summary_of_files
+
+    for line in result_lines(placement):
+        say(line)
+    for warning in [*warnings, *failures]:
+        say(f"Warning: {warning}")
+    say(summary_of_files(directory))
+    for line in left_out_lines(directory):
+        say(line)
+    if failures:
+        raise typer.Exit(1)
