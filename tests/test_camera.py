@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from glvis.problem.camera import (
-    Intrinsics,
     angles_from_direction,
     direction_from_angles,
     look_along,
@@ -15,6 +14,7 @@ from glvis.problem.camera import (
     projection_matrix,
     rigid_inverse,
 )
+from glvis.problem.lens import Pinhole
 
 AXES = np.concatenate([np.eye(3), -np.eye(3)])
 
@@ -37,16 +37,16 @@ def random_poses(rng, n, up=(0, 0, 1)):
 
 def test_tangents_of_the_half_angles():
     np.testing.assert_allclose(
-        Intrinsics.from_degrees(90, 60).tan_half, [1, 1 / math.sqrt(3)], rtol=1e-15
+        Pinhole.from_degrees(90, 60).tan_half, [1, 1 / math.sqrt(3)], rtol=1e-15
     )
 
 
 @pytest.mark.parametrize("bad", [0, -10, 180, 190, math.nan])
 def test_field_of_view_outside_0_to_180_is_refused(bad):
     with pytest.raises(ValueError, match=r"hfov = .* deg must lie in \(0, 180\)"):
-        Intrinsics.from_degrees(bad, 40)
+        Pinhole.from_degrees(bad, 40)
     with pytest.raises(ValueError, match=r"vfov = .* deg must lie in \(0, 180\)"):
-        Intrinsics.from_degrees(40, bad)
+        Pinhole.from_degrees(40, bad)
 
 
 # --- directions
@@ -260,7 +260,7 @@ def test_rigid_inverse_undoes_a_pose(rng):
 
 @pytest.mark.parametrize(("near", "far"), [(0.1, 10.0), (1.0, 1.5), (3.0, 4500.0)])
 def test_corners_of_the_frustum_land_on_the_corners_of_the_clip_cube(near, far):
-    tan_x, tan_y = tan_half = Intrinsics.from_degrees(66.4, 39.5).tan_half
+    tan_x, tan_y = tan_half = Pinhole.from_degrees(66.4, 39.5).tan_half
     matrix = projection_matrix(tan_half, near, far)
     for x in (-1, 1):
         for y in (-1, 1):

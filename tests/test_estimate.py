@@ -8,14 +8,14 @@ import pytest
 from support import shapes
 from support.two_cubes import SMALL, write_two_cubes
 
-from glvis.problem.camera import Intrinsics
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.search.estimate import Cost, measured_cost, share_below_a_pixel, working_distance
 from glvis.search.placement import place_sensors
 from glvis.study.loading import load_study
 
-EYE = Sensor("eye", Intrinsics.from_degrees(90, 90), (100, 100), 0.0, 20.0)
+EYE = Sensor("eye", Pinhole.from_degrees(90, 90), (100, 100), 0.0, 20.0)
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def pixels_of_ours(placement, s: int, points: np.ndarray) -> tuple[np.ndarray, n
     local += rigid_inverse(placement.camera_to_world[s])[:3, 3]
     before = local[:, 2] < -0.1
     tangent = local[before, :2] / -local[before, 2:]
-    share = 0.5 + tangent * [0.5, -0.5] / sensor.intrinsics.tan_half
+    share = 0.5 + tangent * [0.5, -0.5] / sensor.lens.tan_half
     return share * sensor.resolution, before
 
 
@@ -123,7 +123,7 @@ def test_colmap_projects_as_ours(placement, folder, points):
 
 def optical_projection(placement, s, rotation, place):
     """Return the projection of an optical frame given in metres; the study is in centimetres."""
-    tan = placement.study.sensors[s].intrinsics.tan_half
+    tan = placement.study.sensors[s].lens.tan_half
 
     def project(points):
         x, y, z = ((points / 100 - place) @ rotation).T

@@ -14,7 +14,8 @@ import pytest
 from support.browser import Browser, find_chromium
 
 from glvis.common.palette import UNSEEN_COLOR, sensor_colors
-from glvis.problem.camera import Intrinsics, look_along, projection_matrix, rigid_inverse
+from glvis.problem.camera import look_along, projection_matrix, rigid_inverse
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model, load_model
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.viewer.page import page_text, write_page
@@ -33,7 +34,7 @@ SIZE = 120.0
 CORNER = np.array([1000.0, -500.0, 40.0])  # the plate lies far from the world's origin
 HALF = np.array([SIZE / 2, SIZE / 2, 0])  # from the corner to the plate's middle
 SIZE_OF_PAGE = (900, 560)
-TAN = Intrinsics.from_degrees(60, 40).tan_half
+TAN = Pinhole.from_degrees(60, 40).tan_half
 NASTY = "Plate </script><b>&amp; \u2028"
 
 

@@ -42,7 +42,8 @@ from glvis.pictures.scenesheets import neutral_rows, perspective_sheet, subtitle
 from glvis.pictures.sheet import Sheet
 from glvis.pictures.stage import Stage, extreme_points
 from glvis.pictures.writing import write_views
-from glvis.problem.camera import Intrinsics, look_along
+from glvis.problem.camera import look_along
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.reports.report import page_data
@@ -51,7 +52,7 @@ from glvis.study.loading import load_study
 from glvis.viewer.packing import packed
 from glvis.visibility.visibility_map import VisibilityMap
 
-CAM = Sensor("cam", Intrinsics.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.radians(70))
+CAM = Sensor("cam", Pinhole.from_degrees(60, 40), (320, 200), 2.0, 9.0, math.radians(70))
 
 
 def seen_plate(visible, positions=((0, 0, 5), (3, 0, 4)), by_axis=False) -> Seen:
@@ -331,7 +332,7 @@ def test_axis_ends_at_what_the_sensor_aims_at_and_the_frustum_long_before():
     length = frustum[:, 1].max()
     assert length < 0.5 * 8.0
     far = frustum[np.isclose(frustum[:, 1], length)]
-    tan = CAM.intrinsics.tan_half
+    tan = CAM.lens.tan_half
     np.testing.assert_allclose(np.abs(far[:, 0]), tan[0] * length)
     np.testing.assert_allclose(np.abs(far[:, 2]), tan[1] * length)
     corners = frustum_corners(pose, [CAM], 0.5, aims)[0] - [1, 2, 3]
@@ -509,7 +510,7 @@ def test_sensor_eye_projects_as_the_sensor_does(ring):
     with Stage(study, poses) as stage:
         stage.show(0, maps[0])
         eye = stage.sensor_eye(2)
-    tan = study.sensors[2].intrinsics.tan_half
+    tan = study.sensors[2].lens.tan_half
     corner = poses[2] @ [tan[0] * 7, tan[1] * 7, -7, 1]
     np.testing.assert_allclose(eye.project(corner[:3], (320, 240)), [320, 0], atol=1e-6)
 

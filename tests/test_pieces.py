@@ -7,7 +7,7 @@ import pytest
 from support import shapes
 
 from glvis.problem import pieces
-from glvis.problem.camera import Intrinsics
+from glvis.problem.lens import Pinhole
 from glvis.problem.pieces import MOST_ADDED, cut, cut_models, noun_of_shares, pieces_words, share_of
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
@@ -16,7 +16,7 @@ from glvis.visibility.folding import fold, fold_counts, seen_share
 
 BY_PIXELS, BY_CENTROIDS = VisibilityOptions(), VisibilityOptions(criterion="centroid")
 # sees 2 x 2 at its working distance of 1
-EYE = Sensor("eye", Intrinsics.from_degrees(90, 90), (512, 512), 0.5, 1.5)
+EYE = Sensor("eye", Pinhole.from_degrees(90, 90), (512, 512), 0.5, 1.5)
 
 
 def model(shape, name="shape") -> Model:
@@ -166,7 +166,7 @@ def test_auto_cuts_to_a_share_of_what_the_sensor_sees(options):
     assert found.pieces.max_edge == pytest.approx(2 * share)
     assert longest(found) <= 2 * share
     # what looks closer decides
-    near = Sensor("near", Intrinsics.from_degrees(90, 90), (512, 512), 0.25, 0.75)
+    near = Sensor("near", Pinhole.from_degrees(90, 90), (512, 512), 0.25, 0.75)
     (finer,) = cut_models([model(shapes.cube(2.0))], "auto", [EYE, near], options)
     assert finer.pieces.max_edge == pytest.approx(share)
 

@@ -4,14 +4,14 @@ import math
 
 import pytest
 
-from glvis.problem.camera import Intrinsics
+from glvis.problem.lens import Pinhole
 from glvis.problem.sensor import CATALOGUE, Sensor
 
 
 def sensor(**changes):
     settings = {
         "name": "test",
-        "intrinsics": Intrinsics.from_degrees(90, 60),
+        "lens": Pinhole.from_degrees(90, 60),
         "resolution": (640, 480),
         "min_distance": 100,
         "max_distance": 500,
@@ -22,8 +22,8 @@ def sensor(**changes):
 
 def test_d415_is_the_one_of_table_3():
     d415 = CATALOGUE["d415"]
-    assert math.degrees(d415.intrinsics.hfov) == pytest.approx(69.4 - 3)
-    assert math.degrees(d415.intrinsics.vfov) == pytest.approx(42.5 - 3)
+    assert math.degrees(d415.lens.hfov) == pytest.approx(69.4 - 3)
+    assert math.degrees(d415.lens.vfov) == pytest.approx(42.5 - 3)
     assert d415.resolution == (1280, 720)
     assert (d415.min_distance, d415.max_distance) == (160, 350)
     assert math.degrees(d415.max_incidence) == pytest.approx(70)
@@ -31,8 +31,8 @@ def test_d415_is_the_one_of_table_3():
 
 def test_kinect_v2_is_the_one_of_the_kitchen_study():
     kinect = CATALOGUE["kinect-v2"]
-    assert math.degrees(kinect.intrinsics.hfov) == pytest.approx(70.6)
-    assert math.degrees(kinect.intrinsics.vfov) == pytest.approx(60)
+    assert math.degrees(kinect.lens.hfov) == pytest.approx(70.6)
+    assert math.degrees(kinect.lens.vfov) == pytest.approx(60)
     assert kinect.resolution == (512, 424)
     assert (kinect.min_distance, kinect.max_distance) == (500, 4500)
     assert math.degrees(kinect.max_incidence) == pytest.approx(80)
@@ -43,7 +43,7 @@ def test_catalogue_knows_each_sensor_by_its_name():
 
 
 def test_min_distance_may_be_zero_and_incidence_goes_up_to_edge_on_by_default():
-    plain = Sensor("p", Intrinsics.from_degrees(90, 60), (1, 1), 0, 1)
+    plain = Sensor("p", Pinhole.from_degrees(90, 60), (1, 1), 0, 1)
     assert plain.max_incidence == math.pi / 2
 
 

@@ -8,13 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glvis.problem.camera import Intrinsics, distance_and_angle, look_along
+from glvis.problem.camera import distance_and_angle, look_along
+from glvis.problem.lens import Pinhole
 from glvis.problem.sensor import Sensor
 from glvis.results.spread import Outcome, apart, spread
 from glvis.results.vary import PlannedRun, Point
 
 UP = np.array([0.0, 0.0, 1.0])
-NEAR = Sensor("near", Intrinsics.from_degrees(60, 40), (64, 48), 10.0, 30.0, math.pi / 2)
+NEAR = Sensor("near", Pinhole.from_degrees(60, 40), (64, 48), 10.0, 30.0, math.pi / 2)
 FAR = dataclasses.replace(NEAR, name="far", max_distance=90.0)
 
 

@@ -102,7 +102,7 @@ def test_sensor_has_the_whole_part_in_view_and_range(radius, unit, name):
     assert sensor.name == name
     assert sensor.min_distance <= distance - radius * 0.999
     assert distance + radius <= sensor.max_distance
-    half = min(sensor.intrinsics.hfov, sensor.intrinsics.vfov) / 2
+    half = min(sensor.lens.hfov, sensor.lens.vfov) / 2
     assert math.asin(radius / distance) <= half + 1e-9
 
 

@@ -143,8 +143,8 @@ def test_the_contract_is_read_as_it_means(load, folder):
     assert study.sensor_names == ("A1", "C1", "K1")
     d415, twin, kinect = study.sensors
     assert d415 is twin
-    assert math.degrees(d415.intrinsics.hfov) == pytest.approx(66.4)
-    assert math.degrees(d415.intrinsics.vfov) == pytest.approx(39.5)
+    assert math.degrees(d415.lens.hfov) == pytest.approx(66.4)
+    assert math.degrees(d415.lens.vfov) == pytest.approx(39.5)
     assert (d415.name, d415.resolution) == ("d415", (1280, 720))
     assert (d415.min_distance, d415.max_distance) == (160, 350)
     assert math.degrees(d415.max_incidence) == pytest.approx(70)

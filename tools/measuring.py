@@ -107,14 +107,15 @@ def dented_ball(n_faces: int):
 
 def ball_views(n: int):
     """Return n poses around a ball that see it whole, and the sensor."""
-    from glvis.problem.camera import Intrinsics, look_along
+    from glvis.problem.camera import look_along
+    from glvis.problem.lens import Pinhole
     from glvis.problem.sensor import Sensor
 
     k = np.arange(n) + 0.5
     z, turn = 1 - 2 * k / n, math.pi * (1 + math.sqrt(5)) * k
     around = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], 1)
     device = Sensor(
-        "bench", Intrinsics.from_degrees(66.4, 39.5), (1280, 720), 100, 400, math.radians(70)
+        "bench", Pinhole.from_degrees(66.4, 39.5), (1280, 720), 100, 400, math.radians(70)
     )
     return look_along(260 * around, -around), device
 
@@ -151,7 +152,7 @@ class Embree:
     def _filtered(self, points, normals, pose, sensor):
         ray = points - pose[:3, 3]
         x, y, z = (ray @ pose[:3, :3]).T
-        tan_x, tan_y = sensor.intrinsics.tan_half
+        tan_x, tan_y = sensor.lens.tan_half
         length = np.linalg.norm(ray, axis=1)
         cosine = -np.einsum("ij,ij->i", ray, normals) / length
         kept = (-z >= sensor.min_distance) & (-z <= sensor.max_distance)
@@ -171,7 +172,7 @@ class Embree:
     def sweep(self, pose, sensor, resolution):
         """Return the map (F,) by one ray through each pixel."""
         width, height = resolution
-        tan_x, tan_y = sensor.intrinsics.tan_half
+        tan_x, tan_y = sensor.lens.tan_half
         x = (2 * (np.arange(width) + 0.5) / width - 1) * tan_x
         y = (1 - 2 * (np.arange(height) + 0.5) / height) * tan_y
         grid = np.stack(np.broadcast_arrays(x[None], y[:, None], -1.0), axis=-1).reshape(-1, 3)

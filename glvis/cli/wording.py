@@ -55,7 +55,7 @@ def study_lines(study: Study) -> Iterator[str]:
     kinds = {sensor.name: sensor for sensor in study.sensors}
     for name, sensor in kinds.items():
         own = [n for n, s in zip(study.sensor_names, study.sensors, strict=True) if s is sensor]
-        opening = np.degrees([sensor.intrinsics.hfov, sensor.intrinsics.vfov])
+        opening = np.degrees(sensor.lens.opening)
         yield (
             f"  {name}: {opening[0]:.4g} x {opening[1]:.4g} deg, "
             f"{sensor.resolution[0]} x {sensor.resolution[1]} pixels, "

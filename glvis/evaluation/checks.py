@@ -216,7 +216,7 @@ def _blind(poses: Array, study: Study) -> list[str]:
         sampled = np.arange(0, model.n_faces, -(-model.n_faces // _SAMPLE))
         for index, sensor in enumerate(study.sensors):
             corners = corners_in_camera(model, sampled, poses[index])
-            tan_half = sensor.intrinsics.tan_half[:, None]
+            tan_half = sensor.lens.tan_half[:, None]
             working_range = [[sensor.min_distance], [sensor.max_distance]]
             is_blind[index] &= not may_pass(corners, tan_half, working_range).any()
     if is_blind.all():

@@ -149,14 +149,14 @@ def _frustum_lengths(sensors: Sequence[Sensor], size: float, aims: Floats) -> Fl
 
 def _image_plane(sensor: Sensor) -> Floats:
     """Return the corners (4, 3) of the image plane of a body of size 1, camera frame."""
-    tan = sensor.intrinsics.tan_half
+    tan = sensor.lens.tan_half
     distance = min(_PLANE / float(tan.max()), 1.6)  # a narrow view gets no spike
     return np.column_stack([_CORNERS * tan * distance, np.full(4, -distance)])
 
 
 def _section(sensor: Sensor, depth: float) -> Floats:
     """Return the corners (4, 3) of the field of view at a depth, camera frame."""
-    return np.column_stack([_CORNERS * sensor.intrinsics.tan_half * depth, np.full(4, -depth)])
+    return np.column_stack([_CORNERS * sensor.lens.tan_half * depth, np.full(4, -depth)])
 
 
 def _loop(corners: Floats) -> Floats:

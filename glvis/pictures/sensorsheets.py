@@ -61,7 +61,7 @@ def contact_sheet(stage: Stage, size: tuple[int, int] = SIZE) -> Sheet:
     margin, gap, caption = blank.units(28), blank.units(18), blank.units(32)
     top = blank.units(104)
     room = Box(margin, top, size[0] - 2 * margin, size[1] - top - margin)
-    aspects = [float(t[0] / t[1]) for t in (s.intrinsics.tan_half for s in sensors)]
+    aspects = [float(t[0] / t[1]) for t in (s.lens.tan_half for s in sensors)]
 
     def cell_size(columns: int) -> tuple[int, int]:
         cell = grid(room, columns, math.ceil(len(names) / columns), gap)[0]
@@ -105,14 +105,14 @@ def _sensor_page(
     blank = Sheet(size)
     margin, gap, legend = blank.units(28), blank.units(26), blank.legend_width([painted])
     top, bottom = blank.units(104), blank.units(40)
-    tan = sensor.intrinsics.tan_half
+    tan = sensor.lens.tan_half
     width = min(
         size[0] - 2 * margin - gap - legend, int((size[1] - top - bottom) * tan[0] / tan[1])
     )
     height = max(1, round(width * float(tan[1] / tan[0])))
     needed = max(height, blank.units(460))
     sheet = Sheet((2 * margin + gap + legend + width, top + needed + bottom), blank.unit)
-    hfov, vfov = (math.degrees(v) for v in (sensor.intrinsics.hfov, sensor.intrinsics.vfov))
+    hfov, vfov = (math.degrees(v) for v in sensor.lens.opening)
     pixels = f"{sensor.resolution[0]} x {sensor.resolution[1]} pixels".replace(" x ", " × ")
     sheet.heading(
         f"{painted.title} of {stage.seen.model.name}",

@@ -183,7 +183,7 @@ class Stage(Held):
         reach = sensor.max_distance
         far = float(np.clip(1.01 * depth.max(), reach, _FAR * reach))
         near = float(np.clip(0.9 * depth.min(), _CLIP_NEAR * reach, 0.5 * far))
-        clip = projection_matrix(sensor.intrinsics.tan_half, near, far)
+        clip = projection_matrix(sensor.lens.tan_half, near, far)
         middle = (sensor.min_distance + sensor.max_distance) / 2
         return Eye(pose, clip, pose[:3, 3] - middle * pose[:3, 2])
 

@@ -1,15 +1,13 @@
-"""Pinhole cameras: intrinsics, poses and the matrices that follow from them.
+"""Poses of cameras, and the matrices that follow from them.
 
 World is the frame of the mesh files. The camera frame is OpenGL's: x right, y up, looking
 along -z. Matrices are named ``a_to_b`` and multiply column vectors. Angles are radians.
-Nothing here knows of meshes, sensors or OpenGL.
+Nothing here knows of lenses, meshes, sensors or OpenGL.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,37 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 _PARALLEL = 1e-9  # sine below which the optical axis counts as parallel to ``up``
-
-
-@dataclass(frozen=True)
-class Intrinsics:
-    """Field of view of a pinhole camera, in radians; no pixels, the resolution is a choice.
-
-    Attributes
-    ----------
-    hfov, vfov : float
-        Full opening angles along the image's x and y, radians, each in (0, pi).
-    """
-
-    hfov: float
-    vfov: float
-
-    def __post_init__(self) -> None:
-        for name, value in (("hfov", self.hfov), ("vfov", self.vfov)):
-            if not 0 < value < math.pi:
-                raise ValueError(f"{name} = {math.degrees(value):g} deg must lie in (0, 180)")
-
-    @classmethod
-    def from_degrees(cls, hfov_deg: float, vfov_deg: float) -> Intrinsics:
-        """Return the intrinsics for opening angles in degrees."""
-        return cls(math.radians(hfov_deg), math.radians(vfov_deg))
-
-    @cached_property
-    def tan_half(self) -> Array:
-        """Tangents of the half angles along x and y, (2,) float64, read-only."""
-        tan_half = np.tan([self.hfov / 2, self.vfov / 2])
-        tan_half.flags.writeable = False
-        return tan_half
 
 
 def direction_from_angles(azimuth: ArrayLike, elevation: ArrayLike) -> Array:
@@ -248,7 +215,7 @@ def projection_matrix(tan_half: ArrayLike, clip_near: ArrayLike, clip_far: Array
     Parameters
     ----------
     tan_half : (..., 2) float
-        Tangents of the half angles along x and y; see ``Intrinsics.tan_half``.
+        Tangents of the half angles along x and y; see ``Pinhole.tan_half``.
     clip_near, clip_far : (...) float
         Distances of the clip planes along the optical axis, in scene units, with
         ``0 < clip_near < clip_far``. Not the sensor's working range.

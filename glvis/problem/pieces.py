@@ -144,7 +144,7 @@ def view_side(model: Model, sensor: Sensor) -> float:
 
     Of its image at working distance, and of the model no more than its diagonal.
     """
-    side = 2 * float(sensor.intrinsics.tan_half.min()) * working_distance(sensor)
+    side = 2 * float(sensor.lens.tan_half.min()) * working_distance(sensor)
     return min(side, float(np.linalg.norm(np.ptp(model.bounds, axis=0))))
 
 

@@ -207,13 +207,13 @@ class _Gltf:
 
     def add_sensor(self, name: str, sensor: Sensor, pose: Floats, color: Colors) -> int:
         """Add a camera with its frustum as lines; return its node."""
-        tan_x, tan_y = sensor.intrinsics.tan_half.tolist()
+        tan_x, tan_y = sensor.lens.tan_half.tolist()
         self.content["cameras"].append(
             {
                 "name": name,
                 "type": "perspective",
                 "perspective": {
-                    "yfov": sensor.intrinsics.vfov,
+                    "yfov": sensor.lens.opening[1],
                     "aspectRatio": tan_x / tan_y,
                     "znear": self._scale * sensor.max_distance / 1000,
                     "zfar": self._scale * sensor.max_distance,

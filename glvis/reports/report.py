@@ -50,7 +50,7 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
                 name,
                 sensor.name,
                 pose,
-                sensor.intrinsics.tan_half,
+                sensor.lens.tan_half,
                 sensor.min_distance,
                 sensor.max_distance,
                 sensor.max_incidence,

@@ -230,13 +230,13 @@ def _blender_script(placement: Placement, surfaces: list[str]) -> str:
     colors = sensor_colors(len(study.sensors)) / 255
     for s, (name, sensor) in enumerate(zip(study.sensor_names, study.sensors, strict=True)):
         width, height = sensor.resolution
-        tan_x, tan_y = sensor.intrinsics.tan_half.tolist()
+        tan_x, tan_y = sensor.lens.tan_half.tolist()
         tall = (tan_y / height) / (tan_x / width)  # of a pixel, in its widths
         sensors.append(
             {
                 "name": name,
                 "sensor": sensor.name,
-                "hfov": sensor.intrinsics.hfov,
+                "hfov": sensor.lens.opening[0],
                 "resolution": [width, height],
                 # Blender wants both at least 1
                 "pixel_aspect": [max(1.0, 1 / tall), max(1.0, tall)],

@@ -44,9 +44,9 @@ from glvis.common.values import (
     few,
     within,
 )
-from glvis.problem.camera import Intrinsics
 from glvis.problem.expressions import nearest, parse_linear
 from glvis.problem.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
+from glvis.problem.lens import Pinhole
 from glvis.problem.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 from glvis.problem.search_options import FOR_COMPARISON, METHODS, SearchOptions
 from glvis.problem.sensor import Sensor
@@ -162,7 +162,7 @@ class SensorTable(Table):
         """Return the sensor of this table."""
         return Sensor(
             name,
-            Intrinsics.from_degrees(self.hfov_deg, self.vfov_deg),
+            Pinhole.from_degrees(self.hfov_deg, self.vfov_deg),
             (self.resolution[0], self.resolution[1]),
             self.min_distance,
             self.max_distance,
@@ -384,8 +384,8 @@ class StudyTable(Table):
 def sensor_table(sensor: Sensor) -> dict[str, Any]:
     """Return a sensor as a study file writes it, the inverse of ``SensorTable.to_sensor``."""
     return {
-        "hfov_deg": round(math.degrees(sensor.intrinsics.hfov), 9),
-        "vfov_deg": round(math.degrees(sensor.intrinsics.vfov), 9),
+        "hfov_deg": round(math.degrees(sensor.lens.opening[0]), 9),
+        "vfov_deg": round(math.degrees(sensor.lens.opening[1]), 9),
         "resolution": list(sensor.resolution),
         "min_distance": sensor.min_distance,
         "max_distance": sensor.max_distance,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.problem.camera import Intrinsics
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.sensor import CATALOGUE, Sensor, catalogue
 from glvis.problem.units import MM_PER_UNIT, short, trimmed
@@ -85,7 +85,7 @@ def fitting_sensor(radius: float, unit: str, name: str | None = None) -> Fit:
         Which one of the catalogue, whether it has the whole part in view or not.
     """
     for sensor in catalogue(unit).values():
-        half = min(sensor.intrinsics.hfov, sensor.intrinsics.vfov) / 2
+        half = min(sensor.lens.opening) / 2
         distance = max(sensor.min_distance + radius, radius / math.sin(half))
         # Heights may take a sensor a fifth farther away; and a small part would be few pixels.
         fits = 1.2 * distance + radius <= sensor.max_distance
@@ -109,7 +109,7 @@ def sensor_for_room(size: float, unit: str, name: str | None = None) -> Fit:
 def _made_to_measure(nearest: float, farthest: float) -> Sensor:
     low, high = float(short(nearest)), float(short(farthest))
     return Sensor(
-        "camera", Intrinsics.from_degrees(*_OWN_FOV), (1280, 960), low, high, math.radians(70)
+        "camera", Pinhole.from_degrees(*_OWN_FOV), (1280, 960), low, high, math.radians(70)
     )
 
 

@@ -88,7 +88,7 @@ class Coincident:
         partner, pixels = partner[kept], pixels[kept]
         faces, index = np.unique(partner, return_inverse=True)
         corners = corners_in_camera(model, faces, pose)
-        tan_x, tan_y = sensor.intrinsics.tan_half
+        tan_x, tan_y = sensor.lens.tan_half
         row, column = np.divmod(pixels, width)
         ray = np.ones((3, len(pixels)))
         ray[0] = (2 * (column + 0.5) / width - 1) * float(tan_x)

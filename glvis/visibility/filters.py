@@ -78,7 +78,7 @@ class Limits:
         min_cos = math.cos(sensor.max_incidence)
         if sensor.max_incidence >= math.pi / 2:
             min_cos = _ANY_AXIS if options.semantics == "paper" else 0.0  # no rounding of pi / 2
-        tan_x, tan_y = (float(tangent) for tangent in sensor.intrinsics.tan_half)
+        tan_x, tan_y = (float(tangent) for tangent in sensor.lens.tan_half)
         return cls(
             (tan_x, tan_y),
             sensor.min_distance,

@@ -114,7 +114,7 @@ def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
 
 def grid_size(sensor: Sensor, model: Model, far: float) -> tuple[int, int]:
     """Return cells (columns, rows) about as large as a model's faces ``far`` from a sensor."""
-    tan_x, tan_y = (float(tan) for tan in sensor.intrinsics.tan_half)
+    tan_x, tan_y = (float(tan) for tan in sensor.lens.tan_half)
     longer = max(tan_x, tan_y)
     areas = model.areas[model.areas > 0]
     # of needles, many lie side by side where one edge reaches

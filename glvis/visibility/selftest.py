@@ -12,7 +12,8 @@ from functools import cache
 import numpy as np
 
 from glvis.errors import MachineError
-from glvis.problem.camera import Intrinsics, look_along
+from glvis.problem.camera import look_along
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.visibility.batch import Question
@@ -72,7 +73,7 @@ def check_driver() -> None:
 
 def _view() -> Views:
     """Return the view of the scenes here: straight down, 8 x 8 units wide at the wall."""
-    sensor = Sensor("self-test", Intrinsics.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
+    sensor = Sensor("self-test", Pinhole.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
     pose = look_along([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0))
     reach, near, far = np.array([[9.0], [1.0], [10.0]])
     return Views(pose, sensor, Limits((0.5, 0.5), 2.0, 9.0), reach, near, far)

@@ -6,7 +6,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from glvis.problem.camera import Intrinsics, look_along
+from glvis.problem.camera import look_along
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.problem.visibility_options import VisibilityOptions
@@ -31,7 +32,7 @@ def sensor(
 ) -> Sensor:
     return Sensor(
         "test",
-        Intrinsics.from_degrees(hfov_deg, vfov_deg),
+        Pinhole.from_degrees(hfov_deg, vfov_deg),
         resolution,
         near,
         far,

@@ -36,8 +36,8 @@ class Eye:
     @classmethod
     def of(cls, sensor) -> Eye:
         return cls(
-            math.degrees(sensor.intrinsics.hfov),
-            math.degrees(sensor.intrinsics.vfov),
+            math.degrees(sensor.lens.hfov),
+            math.degrees(sensor.lens.vfov),
             sensor.min_distance,
             sensor.max_distance,
             math.degrees(sensor.max_incidence),
