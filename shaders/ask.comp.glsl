@@ -13,9 +13,15 @@
 // PARTS is defined where several points of a face are asked about, the centres of mass of its
 // PARTS x PARTS congruent parts: an invocation a point, and a list of faces + 1 in place of clusters.
 // Else it is each face's own centre of mass.
+// LENS is defined where the sensor's image is not the window, or its range not depth; WINDOWS where a
+// view has several, which all have their say about the same records. PARTNER is defined for a second
+// viewpoint: asked are the points that the first one sees, and those that pass are looked up again.
 layout(local_size_x = 64) in;
 #include "view.glsl"
 #include "filters.glsl"
+#ifdef LENS
+#include "lens.glsl"
+#endif
 #ifdef PARTS
 #include "corners.glsl"
 #endif
@@ -28,6 +34,14 @@ layout(std430, binding = 2) buffer Free { uint free[]; };
 
 const float SLACK = 1e-5;       // of what decides on large faces, which float32 may round
 
+// Put a point that is asked about into the cell where it lies, place being where in the grid.
+void look_up(vec3 place, uint record, uint mark) {
+    ivec2 cell = min(ivec2(place.xy / place.z + 0.5 * vec2(size)), size - 1);
+    imageAtomicMax(tiles, cell / TILE + ivec2(0, first_tile_row), floatBitsToUint(place.z));
+    uint before = imageAtomicExchange(heads, cell + ivec2(0, first_row), record + 1u);
+    imageStore(records, record_at(record), uvec4(floatBitsToUint(place), before | mark));
+}
+
 // Ask about a point (relative to the origin) of a face: `own` is the record of its centre, and no
 // point of the face is farther from the point than its edge, of faces that may be large.
 void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own, float edge) {
@@ -36,26 +50,47 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own, float edge
     vec3 back = eye.xyz - point;
     float towards = dot(normal, back);
     bool faces = crop_back(towards) && crop_norm_by_axis(dot(normal, backwards.xyz), backwards.w);
-    bool passes = crop_near(place.z, working_range.x) && faces
-        && crop_fov(at, vec2(size), place.z, working_range.y)
+#ifdef LENS
+    vec3 direction = -vec3(dot(back, right.xyz), dot(back, up.xyz), -dot(back, backwards.xyz));
+    float far_off = measured(direction);
+    bool in_window = place.z > 0.0 && crop_fov(at, vec2(size), place.z, place.z);
+    bool is_inside = in_image(direction) && crop_far(far_off, working_range.y);
+#else
+    float far_off = place.z;
+    bool in_window = crop_fov(at, vec2(size), place.z, working_range.y), is_inside = in_window;
+#endif
+    bool passes = crop_near(far_off, working_range.x) && faces && is_inside
         && crop_norm_by_ray(towards, dot(back, back), min_ray_cos);
+#ifdef PARTNER
+    uint known = free[record];
+    if (!wanted || (known & ~LARGE) == 0u) return;
+    if (!passes) free[record] = known & LARGE;
+    else if (in_window) look_up(place, record, known & LARGE);
+#else
+    passes = passes && in_window;
+    bool in_range = abs(far_off - clamp(far_off, working_range.x, working_range.y)) <= edge;
+    bool may_face = faces && towards >= (1.0 - SLACK) * min_ray_cos * (length(back) - edge);
+#ifdef WINDOWS
+    // whatever window it shows in: all of them must say the same
+    bool is_large = edge * span >= max(length(back) - edge, near) && in_range && may_face;
+#else
     mat3 to_grid = transpose(mat3(world_to_grid));
     vec2 scale = vec2(length(to_grid[0]), length(to_grid[1])), half_size = 0.5 * vec2(size);
     vec2 reach = half_size * place.z + edge * (scale + half_size);
-    bool may_reach = all(lessThanEqual(abs(place.xy), (1.0 + SLACK) * reach))
-        && abs(place.z - clamp(place.z, working_range.x, working_range.y)) <= edge;
-    bool is_large = edge * span >= max(place.z - edge, near) && may_reach && faces
-        && towards >= (1.0 - SLACK) * min_ray_cos * (length(back) - edge);
+    bool may_reach = all(lessThanEqual(abs(place.xy), (1.0 + SLACK) * reach));
+    bool is_large = edge * span >= max(place.z - edge, near) && may_reach && in_range && may_face;
+#endif
     uint mark = is_large ? LARGE : 0u;
-    if (wanted && (passes || is_large)) free[record] = (passes ? own + 1u : 0u) | mark;
-    if (wanted && passes) {
-        ivec2 cell = min(ivec2(at), size - 1);
-        imageAtomicMax(
-            tiles, cell / TILE + ivec2(0, first_tile_row), floatBitsToUint(place.z)
-        );
-        uint before = imageAtomicExchange(heads, cell + ivec2(0, first_row), record + 1u);
-        imageStore(records, record_at(record), uvec4(floatBitsToUint(place), before | mark));
+    if (wanted && (passes || is_large)) {
+        uint found = (passes ? own + 1u : 0u) | mark;
+#ifdef WINDOWS
+        atomicOr(free[record], found);
+#else
+        free[record] = found;
+#endif
     }
+    if (wanted && passes) look_up(place, record, mark);
+#endif
 }
 
 void main() {

@@ -1,4 +1,5 @@
-// What all passes that cast are told of one view and one surface: included by keep, ask and hide.
+// What all passes that cast are told of one window of a view and one surface: included by keep, ask
+// and hide. A window is a pinhole image about the optical centre; mostly it is the sensor's own.
 // The image is a grid of cells, in which points that are asked about are looked up; it has nothing
 // to do with pixels. Row 0 is at the bottom.
 layout(std140, binding = 0) uniform View {
@@ -7,7 +8,9 @@ layout(std140, binding = 0) uniform View {
     vec4 lattice;           // of packed corners: the middle relative to the origin, and the step
     vec4 eye;               // optical centre relative to the origin
     vec4 backwards;         // unit vector against the optical axis; w: least cosine to it, -2: any
-    vec2 working_range;     // minD, maxD as depth along the optical axis, scene unit
+    vec4 right;             // unit vectors of the sensor's camera, where LENS is defined
+    vec4 up;
+    vec2 working_range;     // minD, maxD, scene unit
     float min_ray_cos;      // cosine of the largest incidence by the true ray, or 0: any
     float near;             // depth before which nothing hides
     ivec2 size;             // columns, rows

@@ -122,7 +122,7 @@ def test_a_plate_over_very_many_cells_hides_a_fine_wall(shaders):
 
     def seen(casts):
         with looking(wall, [plate], casts=casts, criterion="centroid") as made:
-            cells = points.grid_size(device, made.model, device.max_distance)
+            cells = points.grid_size(device.lens.windows.tan_half, made.model, device.max_distance)
             assert np.prod(cells) * (0.5 / np.tan(np.radians(30)) / 1.5) ** 2 > 4096
             return made.looks(DOWN[None], device)[0]
 

@@ -8,6 +8,7 @@ import pytest
 from support import shapes
 from support.one_sensor import DOWN, random_poses, seen, sensor
 
+from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.visibility.context import gl_context, unbind_framebuffer
@@ -62,7 +63,7 @@ def by_shader(faces: CameraFaces, limits: Limits) -> np.ndarray:
     program = gl_context().program(vertex_shader=text, varyings=["passes"])
     x, y, depth = faces.points[:, 0]
     size = np.array([70.0, 50.0])
-    tan = np.array(limits.tan_half)[:, None]
+    tan = np.array(limits.lens.tan_half)[:, None]
     at = (np.stack([x, y]) / depth / tan + 1) / 2 * size[:, None]
     columns = [*at, depth, faces.heights, faces.distances_squared, faces.normals[2]]
     rows = np.ascontiguousarray(np.stack(columns, axis=1), dtype=np.float32)
@@ -153,9 +154,9 @@ def test_reasons_are_asked_in_one_order():
     assert sorted(Refusal) == order
     # one corner beyond maxD in view, one nearer than minD beside the image
     points = np.array([[[0.0], [9.0], [9.0]], [[0.0], [0.0], [0.0]], [[4.0], [1.0], [1.0]]])
-    limits = Limits((1.0, 1.0), 2.0, 3.0)
+    limits = Limits(Pinhole.from_tangents(1.0, 1.0), 2.0, 3.0)
     for turn, far in product((-1.0, 1.0), (3.0, 5.0)):
         faces = CameraFaces(np.zeros(1, dtype=int), points, np.array([[0.0], [0.0], [turn]]))
-        limits = Limits((1.0, 1.0), 2.0, far)
+        limits = Limits(Pinhole.from_tangents(1.0, 1.0), 2.0, far)
         expected = Refusal.TOO_FAR if far < 4 else Refusal.TOO_NEAR
         assert refusal(faces, limits)[0] == (expected if turn > 0 else Refusal.TURNED_AWAY)

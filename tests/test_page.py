@@ -328,7 +328,12 @@ def test_reasons_for_not_seeing_are_those_of_the_geometry(browser, tmp_path):
     refusals = [
         refusal(
             faces_in_camera(model, one.camera_to_world, options),
-            Limits(tuple(one.tan_half), one.min_distance, one.max_distance, np.cos(np.radians(70))),
+            Limits(
+                Pinhole.from_tangents(*one.tan_half),
+                one.min_distance,
+                one.max_distance,
+                np.cos(np.radians(70)),
+            ),
         )
         for one in sensors
     ]

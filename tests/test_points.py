@@ -146,7 +146,7 @@ def test_a_grid_has_cells_as_large_as_faces_within_bounds(n, tan):
     side = 20 * max(tan) / n  # of a face: n of them span the longer side at maxD
     low, high = np.zeros(3), np.array([side, 0, 0])
     model = Model.from_arrays("f", [low, high, [side / 2, side * 0.75**0.5, 0]], [[0, 1, 2]])
-    columns_, rows = grid_size(device, model, device.max_distance)
+    columns_, rows = grid_size(device.lens.windows.tan_half, model, device.max_distance)
     longer = min(max(points._CELLS_A_SIDE * n, points._FEWEST), points._MOST)
     assert max(columns_, rows) in (np.ceil(longer - 1e-6), np.ceil(longer + 1e-6))
     assert abs(columns_ * tan[1] - rows * tan[0]) <= 1

@@ -9,18 +9,21 @@ from support.one_sensor import DOWN, looking, random_poses, sensor
 
 from glvis.errors import MachineError
 from glvis.problem.camera import look_along
+from glvis.problem.lens import Pinhole
 from glvis.visibility import renderer as r
 from glvis.visibility import selftest, surface
 from glvis.visibility.context import gl_info
 from glvis.visibility.filters import Limits
-from glvis.visibility.views import Views
+from glvis.visibility.views import Views, Windows
 
 
 def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_distance=50.0):
     poses = np.asarray(poses).reshape(-1, 4, 4)
     n = len(poses)
-    limits = Limits((tan, tan), min_distance, max_distance)
-    return Views(poses, sensor(), limits, *(np.full(n, z) for z in (far, near, far)))
+    limits = Limits(Pinhole.from_tangents(tan, tan), min_distance, max_distance)
+    reach, clip_near, clip_far = (np.full(n, z) for z in (far, near, far))
+    windows = Windows(poses, np.array([tan, tan]), reach, clip_near, clip_far)
+    return Views(poses, sensor(), limits, windows)
 
 
 def ids(shape, poses=DOWN, size=(4, 4), *, tiles=1, refused_hide=True, **view):

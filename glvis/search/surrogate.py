@@ -23,10 +23,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.problem.lens import Pinhole
 from glvis.problem.sensor import Sensor
 from glvis.problem.study import Study
 from glvis.search.auto_options import AutoOptions
-from glvis.visibility.filters import Limits, crop_back, crop_fov, crop_near, crop_norm
+from glvis.visibility.filters import (
+    Limits,
+    crop_back,
+    crop_fov,
+    crop_near,
+    crop_norm,
+    measured,
+)
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -38,6 +46,7 @@ Bools = NDArray[np.bool_]
 # So that what is computed of them stays in a core's cache.
 _POSITIONS_AT_ONCE, _POSES_AT_ONCE = 256, 64
 _ZERO = np.zeros(1, dtype=np.float32)
+_SQUARE = Pinhole.from_tangents(1.0, 1.0)  # an image of tangents up to 1
 _WEIGHT = 1000  # of the nearest viewpoint's vote; votes are small integers, 16 of them fit 16 bits
 _ROOM = 256  # rows that are allocated at first
 _LATEST = 128  # viewpoints in a tree of their own, quickly made anew as viewpoints are learned
@@ -161,20 +170,33 @@ class Surrogate:
 
     def _filter(self, poses: Floats, sensor: Sensor) -> Bools:
         """Return which faces pass a sensor's filters at poses (P, 4, 4): (P, n)."""
+        limits = Limits.of(sensor, self._study.visibility)
+        passes = self._pass(poses, limits)
+        if sensor.partner:
+            second = sensor.partner.poses(poses)
+            passes &= self._pass(second, limits.of_partner(sensor.partner))
+        return passes
+
+    def _pass(self, poses: Floats, limits: Limits) -> Bools:
+        """Return which faces pass the filters of viewpoints at poses (P, 4, 4): (P, n)."""
         axes = poses.astype(np.float32).transpose(2, 1, 0)[..., None]  # (4, 4, P, 1)
         shape = (len(poses), self.faces)
         ray = np.zeros((3, *shape), dtype=np.float32)
         np.subtract(self._points[:, None], axes[3, :3], out=ray)
         spare, across, up, depth = np.zeros((4, *shape), dtype=np.float32)
-        limits = Limits.of(sensor, self._study.visibility)
-        tan_x, tan_y = (np.float32(tangent) for tangent in limits.tan_half)
+        is_own = isinstance(limits.lens, Pinhole) and not limits.by_range
+        half = limits.lens.tan_half if is_own else np.ones(2)
+        tan_x, tan_y = (np.float32(tangent) for tangent in half.tolist())
         _dot(axes[0, :3] / tan_x, ray, across, spare)
         _dot(axes[1, :3] / tan_y, ray, up, spare)
         _dot(-axes[2, :3], ray, depth, spare)
-        # in half images already, so that the farther one out decides
-        np.maximum(np.abs(across, out=across), np.abs(up, out=up), out=up)
-        passes = crop_fov(up, _ZERO, depth, replace(limits, tan_half=(1.0, 1.0)))
-        passes &= crop_near(depth, limits)
+        if is_own:
+            # in half images already, so that the farther one out decides
+            np.maximum(np.abs(across, out=across), np.abs(up, out=up), out=up)
+            passes = crop_fov(up, _ZERO, depth, replace(limits, lens=_SQUARE))
+        else:
+            passes = crop_fov(across, up, depth, limits)
+        passes &= crop_near(measured(across, up, depth, limits), limits)
         height = np.negative(_dot(self._normals, ray, across, spare), out=across)
         squared = _dot(ray, ray, up, spare)
         axis_cos = _ZERO

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.visibility.culling import Culled
-from glvis.visibility.filters import may_pass
 from glvis.visibility.gpu_scene import GpuScene
-from glvis.visibility.points import Large, beside, spans
+from glvis.visibility.lens_uniforms import lens_uniforms
+from glvis.visibility.points import Large
 from glvis.visibility.surface import Surface
 from glvis.visibility.views import Views
 
@@ -31,6 +31,8 @@ VIEW = np.dtype(
         ("lattice", "f4", 4),
         ("eye", "f4", 4),
         ("backwards", "f4", 4),
+        ("right", "f4", 4),
+        ("up", "f4", 4),
         ("working_range", "f4", 2),
         ("min_ray_cos", "f4"),
         ("near", "f4"),
@@ -47,7 +49,7 @@ VIEW = np.dtype(
         ("first_record", "u4"),
         ("first_extra", "u4"),
         ("span", "f4"),
-        ("filler", "u4", 18),
+        ("filler", "u4", 10),
     ]
 )
 # As the shaders have them: cells along a tile, invocations a work group; and the work groups that
@@ -66,15 +68,15 @@ class Question:
         The model's, with its obstacles.
     target : Surface
         Of the model whose faces are counted.
-    grid : tuple of int
-        Cells (columns, rows) of the image by which points are looked up.
+    grids : list of tuple of int
+        Cells (columns, rows) of the windows by which points are looked up, of each viewpoint.
     large : Large, optional
         Which faces are judged by several points; None: none are.
     """
 
     scene: GpuScene
     target: Surface
-    grid: tuple[int, int]
+    grids: Sequence[tuple[int, int]]
     large: Large | None
 
     @property
@@ -100,6 +102,43 @@ class ViewList:
 
 
 @dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """One optical centre of n views in a batch: K windows of each, R = n K rows.
+
+    Attributes
+    ----------
+    grid : tuple of int
+        Cells (columns, rows) of each window.
+    lens : (1,) LENS, optional
+        Where the windows are not the image, or its range is not depth.
+    defines : list of str
+        What the shader that asks is told by.
+    poses : (R, 4, 4) float64
+        Of the windows, camera to world.
+    tan_half : (2,) float64
+        Tangents of the windows' half opening angles.
+    near : (R,) float64
+        Depth before which nothing hides, scene unit.
+    depth_range : tuple of float
+        See ``Views.depth_range``.
+    asking : ViewList
+        Clusters that may have a face to count.
+    hiding : list of ViewList
+        Clusters in the windows, of each surface that hides.
+    """
+
+    grid: tuple[int, int]
+    lens: NDArray[np.void] | None
+    defines: Sequence[str]
+    poses: Floats
+    tan_half: Floats
+    near: Floats
+    depth_range: tuple[float, float]
+    asking: ViewList
+    hiding: list[ViewList]
+
+
+@dataclass(frozen=True, eq=False)
 class Batch:
     """The dispatch table of n views that go to the GPU together.
 
@@ -107,142 +146,113 @@ class Batch:
     ----------
     question : Question
         The query.
-    countable : ViewList
-        Clusters that may have a face to count.
-    tan_half : (2,) float64
-        Tangents of the views' half opening angles.
-    hiding : list of ViewList
-        Clusters in the frusta, of each surface that hides.
+    n : int
+        Views.
+    viewpoints : list of Viewpoint
+        The sensor's own and, where it has a partner, the second.
     listed : (L,) uint32
         All lists, and room for what is kept of them.
-    dispatches : (2 * n * surfaces, 4) uint32
+    dispatches : (D, 4) uint32
         Work groups and number of the clusters that are kept, and of faces that cover many cells,
-        as long as there are none.
+        as long as there are none: two rows for each window and surface.
     """
 
     question: Question
-    countable: ViewList
-    tan_half: Floats
-    hiding: list[ViewList]
+    n: int
+    viewpoints: list[Viewpoint]
     listed: Words
     dispatches: Words
 
     @classmethod
     def of(cls, views: Views, some: slice, question: Question, culled: Culled) -> Batch:
         """Return the batch of some of the views, of what all of them keep of the scene."""
-        uniforms = _of_views(views, some, question)
-        columns = question.scene.columns
-        n = len(uniforms)
-        countable, hiding, parts, first = None, [], [], 0
-        masks = [(question.target, culled.countable)]
-        masks += [(surface, culled.occludes) for surface in question.occluders]
-        for number, (surface, mask) in enumerate(masks):
-            entries, begin, n_listed, groups = _listed(mask[some, columns[surface]], surface)
-            rows = uniforms.copy()
-            rows["lattice"] = surface.lattice
-            rows["size_log2"] = surface.clusters.size.bit_length() - 1
-            rows["groups_a_column"] = groups
-            rows["first_listed"], rows["n_listed"] = first + begin, n_listed
-            parts.append(entries)
-            first += len(entries)
-            if number:
-                rows["request"] = 2 * ((number - 1) * n + np.arange(n))
-                rows["first_kept"] = first + begin
-                rows["first_spread"] = first + len(entries) + begin
-                parts.append(np.zeros(2 * len(entries), dtype=np.uint32))
-                first += 2 * len(entries)
-                hiding.append(ViewList(rows, number * n))
-            else:
-                rows["first_record"] = len(surface.clusters.order) * np.arange(n)
-                countable = ViewList(rows, 0)
-        assert countable is not None
-        dispatches = np.ones((len(hiding), n, 2, 4), dtype=np.uint32)
-        dispatches[..., [0, 3]] = 0
-        for request, one in zip(dispatches, hiding, strict=True):
-            request[:, 0, 1] = one.rows["groups_a_column"]
-        return cls(
-            question,
-            countable,
-            views.tan_half,
-            hiding,
-            np.concatenate(parts),
-            dispatches.reshape(-1, 4),
-        )
+        table = _Table()
+        n = len(views.camera_to_world[some])
+        viewpoints = []
+        countable = culled.countable[some, question.scene.columns[question.target]]
+        kept_by = zip(views.viewpoints, culled.viewpoints, question.grids, strict=True)
+        for one, kept, grid in kept_by:
+            windows = slice(some.start * one.per_view, some.stop * one.per_view)
+            rows = _of_windows(one, some, windows, question, grid)
+            occludes = kept.occludes[windows]
+            asks = np.repeat(countable, one.per_view, axis=0)
+            if one.per_view > 1:  # one alone counts nothing outside itself
+                asks = asks & occludes[:, question.scene.columns[question.target]]
+            asking = table.listed(rows, asks, question.target)
+            of_view = np.arange(n).repeat(one.per_view)
+            asking.rows["first_record"] = len(question.target.clusters.order) * of_view
+            hiding = [
+                table.hiding(rows, occludes[:, question.scene.columns[surface]], surface)
+                for surface in question.occluders
+            ]
+            lens = lens_uniforms(one.limits)
+            defines = [
+                *["LENS"] * (lens is not None),
+                *["WINDOWS"] * (one.per_view > 1),
+                *["PARTNER"] * one.is_partner,
+            ]
+            viewpoints.append(
+                Viewpoint(
+                    grid,
+                    lens,
+                    defines,
+                    one.windows.camera_to_world[windows],
+                    one.windows.tan_half,
+                    one.windows.near[windows],
+                    one.depth_range,
+                    asking,
+                    hiding,
+                )
+            )
+        dispatches = np.concatenate(table.dispatches)
+        return cls(question, n, viewpoints, np.concatenate(table.parts), dispatches)
+
+    @property
+    def lists(self) -> list[ViewList]:
+        """All lists, in the order of their rows."""
+        return [one for eye in self.viewpoints for one in (eye.asking, *eye.hiding)]
 
 
-@dataclass(frozen=True, eq=False)
-class PartsOfFaces:
-    """Faces of the targets that are looked at in several points, view by view.
+class _Table:
+    """Lists of a batch while it grows."""
 
-    Attributes
-    ----------
-    parts : int
-        Points are the centres of mass of a face's parts x parts congruent parts.
-    entries : (K,) uint32
-        Places + 1 in the order of the clusters; a view's are filled up by zeros.
-    list : ViewList
-        Uniforms and lists.
-    """
+    def __init__(self) -> None:
+        self.parts: list[Words] = []
+        self.dispatches: list[Words] = []
+        self._entries = self._rows = self._requests = 0
 
-    parts: int
-    entries: Words
-    list: ViewList
+    def listed(self, rows: NDArray[np.void], mask: Bools, surface: Surface) -> ViewList:
+        """Return the list of clusters (R, C) bool of a surface, for windows (R,)."""
+        entries, begin, n_listed, groups = _listed(mask, surface)
+        rows = rows.copy()
+        rows["lattice"] = surface.lattice
+        rows["size_log2"] = surface.clusters.size.bit_length() - 1
+        rows["groups_a_column"] = groups
+        rows["first_listed"], rows["n_listed"] = self._entries + begin, n_listed
+        self._append(entries)
+        found = ViewList(rows, self._rows)
+        self._rows += len(rows)
+        return found
 
+    def hiding(self, rows: NDArray[np.void], mask: Bools, surface: Surface) -> ViewList:
+        """Return the same of what hides, with room for what is kept of it, and dispatches."""
+        found = self.listed(rows, mask, surface)
+        first, n_entries = self._entries - len(self.parts[-1]), len(self.parts[-1])
+        begin = found.rows["first_listed"] - first
+        found.rows["request"] = 2 * (self._requests + np.arange(len(rows)))
+        found.rows["first_kept"] = self._entries + begin
+        found.rows["first_spread"] = self._entries + n_entries + begin
+        self._append(np.zeros(2 * n_entries, dtype=np.uint32))
+        requests = np.ones((len(rows), 2, 4), dtype=np.uint32)
+        requests[..., [0, 3]] = 0
+        requests[:, 0, 1] = found.rows["groups_a_column"]
+        self.dispatches.append(requests.reshape(-1, 4))
+        self._requests += len(rows)
+        return found
 
-@dataclass(frozen=True, eq=False)
-class LargeFaces:
-    """Faces of the targets that are large in the image and of which the centre is not free.
-
-    Attributes
-    ----------
-    view, place : (K,) int
-        Which view of a batch, and place in the order of the clusters; view by view.
-    shares : (K,) float64
-        Of the image's width or height, that they span.
-    """
-
-    view: Indices
-    place: Indices
-    shares: Floats
-
-    @classmethod
-    def of(cls, batch: Batch, poses: Floats, marked: Words) -> LargeFaces:
-        """Return those of a batch, from poses (n, 4, 4), among records (K,) that ask has marked."""
-        question, rows, half = batch.question, batch.countable.rows, batch.tan_half[:, None]
-        clusters = question.target.clusters
-        model = clusters.model
-        assert question.large is not None
-        view, place = np.divmod(marked.astype(np.intp), len(clusters.order))
-        corners = model.vertices.take(model.faces.take(clusters.order[place], axis=0), axis=0)
-        corners = np.matmul(corners - poses[view, None, :3, 3], poses[view, :3, :3])
-        corners = np.moveaxis(corners, 0, 2)
-        corners[:, 2] *= -1
-        kept = may_pass(corners, half, rows["working_range"][view].T)
-        view, place, corners = view[kept], place[kept], corners[..., kept]
-        shares = spans(corners, half, rows["near"][view].astype(float))
-        kept = shares >= question.large.least
-        return cls(view[kept], place[kept], shares[kept])
-
-    def unseen(self, batch: Batch, parts: int, visible: Bools) -> PartsOfFaces:
-        """Return those of which no point is visible (n, F) yet, to be looked at in parts."""
-        rows, large = batch.countable.rows, batch.question.large
-        clusters = batch.question.target.clusters
-        assert large is not None
-        face = clusters.order[self.place]
-        unseen = ~visible[self.view, face]
-        touches = np.zeros(len(face), dtype=bool)
-        if parts != large.few:
-            touches = beside(clusters, visible, self.view, face)
-        some = np.flatnonzero(unseen & large.are_looked_at(parts, self.shares, touches))
-        most = int(np.bincount(self.view[some], minlength=1).max()) * parts**2
-        groups = max(1, -(-most // (GROUP * MOST_GROUPS)))
-        multiple = groups * GROUP // parts**2
-        entries, begin, n = _filled(self.view[some], self.place[some], len(rows), multiple)
-        uniforms = rows.copy()
-        uniforms["first_listed"], uniforms["n_listed"] = len(batch.listed) + begin, n
-        uniforms["groups_a_column"] = groups
-        uniforms["first_extra"] = len(clusters.order) * len(rows) + parts**2 * begin
-        return PartsOfFaces(parts, entries, ViewList(uniforms, len(rows) * (1 + len(batch.hiding))))
+    def _append(self, entries: Words) -> None:
+        self.parts.append(entries)
+        self._entries += len(entries)
 
 
 def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int]:
@@ -255,11 +265,11 @@ def _listed(mask: Bools, surface: Surface) -> tuple[Words, Indices, Indices, int
     groups = max(1, -(-len(surface.clusters.order) // (GROUP * MOST_GROUPS)))
     column = groups * GROUP // size
     view, cluster = np.divmod(np.flatnonzero(mask), mask.shape[1])
-    entries, begin, n_listed = _filled(view, cluster, len(mask), column)
+    entries, begin, n_listed = filled(view, cluster, len(mask), column)
     return entries, begin, n_listed, groups
 
 
-def _filled(view: Indices, place: Indices, n: int, multiple: int) -> tuple[Words, Indices, Indices]:
+def filled(view: Indices, place: Indices, n: int, multiple: int) -> tuple[Words, Indices, Indices]:
     """Return places (K,) + 1 as a list, and where each of n views has its own, and how many.
 
     A view's are filled up by zeros to a multiple of some number.
@@ -277,28 +287,34 @@ def tiles(grid: tuple[int, int]) -> tuple[int, int]:
     return -(-grid[0] // TILE), -(-grid[1] // TILE)
 
 
-def _of_views(views: Views, some: slice, question: Question) -> NDArray[np.void]:
-    """Return the uniforms of each view alone, the rest 0, (n,) VIEW."""
-    origin, limits, half = question.scene.origin, views.limits, views.tan_half
-    to_camera = views.world_to_camera[some].copy()
+def _of_windows(
+    views: Views, some: slice, windows: slice, question: Question, grid: tuple[int, int]
+) -> NDArray[np.void]:
+    """Return the uniforms of each window of some views, the rest 0, (R,) VIEW."""
+    origin, limits, half = question.scene.origin, views.limits, views.windows.tan_half
+    to_camera = views.windows.world_to_camera[windows].copy()
     to_camera[:, :3, 3] += to_camera[:, :3, :3] @ origin
     to_camera[:, 2] *= -1  # depth instead of z
     to_grid = to_camera.copy()
-    to_grid[:, :2] *= (np.array(question.grid) / 2 / half)[:, None]
+    to_grid[:, :2] *= (np.array(grid) / 2 / half)[:, None]
     uniforms = np.zeros(len(to_grid), dtype=VIEW)
+    poses = np.repeat(views.camera_to_world[some], views.per_view, axis=0)
     uniforms["world_to_grid"] = np.swapaxes(to_grid, 1, 2).reshape(-1, 16)  # by column
-    uniforms["eye"][:, :3] = views.eye[some] - origin
-    uniforms["backwards"][:, :3] = views.camera_to_world[some, :3, 2]
+    uniforms["eye"][:, :3] = poses[:, :3, 3] - origin
+    uniforms["right"][:, :3], uniforms["up"][:, :3] = poses[:, :3, 0], poses[:, :3, 1]
+    uniforms["backwards"][:, :3] = poses[:, :3, 2]
     uniforms["backwards"][:, 3] = limits.min_axis_cos
     uniforms["working_range"] = limits.min_distance, limits.max_distance
     uniforms["min_ray_cos"] = limits.min_ray_cos
-    uniforms["near"] = views.near[some]
-    uniforms["size"] = question.grid
+    uniforms["near"] = views.windows.near[windows]
+    uniforms["size"] = grid
     if question.large:
         # an edge of length e spans at most e sqrt(1 + t^2) / depth at tangents up to t
         span = (np.sqrt(1 + half**2) / (2 * half)).max() / question.large.least
+        if views.per_view > 1:  # and the range is up to so many times the depth
+            span *= np.sqrt(1 + np.sum(half**2))
         uniforms["span"] = (1 + _SLACK) * span
     number = np.arange(len(uniforms))
-    uniforms["first_row"] = question.grid[1] * number
-    uniforms["first_tile_row"] = tiles(question.grid)[1] * number
+    uniforms["first_row"] = grid[1] * number
+    uniforms["first_tile_row"] = tiles(grid)[1] * number
     return uniforms

@@ -14,27 +14,27 @@ centre is not free.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.problem.sensor import Sensor
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.visibility.batch import (
     GROUP,
     VIEW,
     Batch,
-    LargeFaces,
-    PartsOfFaces,
     Question,
     ViewList,
+    Viewpoint,
     tiles,
 )
 from glvis.visibility.clusters import Clusters
 from glvis.visibility.context import gl_context
 from glvis.visibility.culling import Culled
 from glvis.visibility.gpu_scene import GpuScene
+from glvis.visibility.large_faces import LargeFaces, PartsOfFaces
 from glvis.visibility.points import grid_size, large_faces
 from glvis.visibility.rays import visible_of
 from glvis.visibility.surface import Surface, compiled_compute, texture_of
@@ -85,7 +85,7 @@ class Caster:
     def __init__(self) -> None:
         self._buffers: dict[str, Any] = {}
         self._textures: dict[tuple[str, int], Any] = {}  # by width, too: models take turns
-        self._grids: dict[tuple[Surface, Sensor, float], tuple[int, int]] = {}
+        self._grids: dict[tuple[Surface, tuple[float, ...]], tuple[int, int]] = {}
 
     def release(self) -> None:
         """Give the GPU's memory back."""
@@ -114,8 +114,8 @@ class Caster:
         """
         found = []
         for target in scene.targets:
-            grid = self._grid(target, views)
-            question = Question(scene, target, grid, large_faces(options))
+            grids = [self._grid(target, one) for one in views.viewpoints]
+            question = Question(scene, target, grids, large_faces(options))
             visible = self.answer(question, views, culled)
             if visible is None:
                 visible = visible_of(scene, target, views, culled, options)
@@ -126,44 +126,48 @@ class Caster:
         """Return which faces of one model views see, (N, F); None where the driver gave up."""
         clusters = question.target.clusters
         visible = np.zeros((len(views), clusters.model.n_faces), dtype=bool)
-        width, height = question.grid
+        lines = max(
+            one.per_view * height
+            for one, (_, height) in zip(views.viewpoints, question.grids, strict=True)
+        )
         at_once = min(
             _MOST_RECORDS // max(1, len(clusters.order)),
-            _MOST_CELLS // (width * height),
-            int(gl_context().info["GL_MAX_TEXTURE_SIZE"]) // height,
+            _MOST_CELLS // (max(width for width, _ in question.grids) * lines),
+            int(gl_context().info["GL_MAX_TEXTURE_SIZE"]) // lines,
         )
         at_once = max(1, at_once) if len(clusters) else len(views) + 1
         for first in range(0, len(views), at_once):
             some = slice(first, first + at_once)
             batch = Batch.of(views, some, question, culled)
-            if not self._see(batch, views.camera_to_world[some], visible[some]):
+            if not self._see(batch, visible[some]):
                 return None
         return visible
 
     def _grid(self, target: Surface, views: Views) -> tuple[int, int]:
-        sensor, far = views.sensor, float(views.reach.max(initial=np.finfo(float).tiny))
+        windows = views.windows
+        far = float(windows.reach.max(initial=np.finfo(float).tiny))
         # to the next power of two: a few grids serve all poses
-        far = min(sensor.max_distance, 2.0 ** math.ceil(math.log2(far)))
-        if (target, sensor, far) not in self._grids:
-            self._grids[target, sensor, far] = grid_size(sensor, target.clusters.model, far)
-        return self._grids[target, sensor, far]
+        far = min(views.limits.max_distance, 2.0 ** math.ceil(math.log2(far)))
+        key = target, (*windows.tan_half.tolist(), far)
+        if key not in self._grids:
+            self._grids[key] = grid_size(windows.tan_half, target.clusters.model, far)
+        return self._grids[key]
 
-    def _see(self, batch: Batch, poses: Floats, visible: Bools) -> bool:
+    def _see(self, batch: Batch, visible: Bools) -> bool:
         """Mark what the views of a batch see, in place, (n, F) bool; return if all is found."""
-        if not batch.countable.rows["n_listed"].any():
+        eyes = [eye.asking for eye in batch.viewpoints]
+        if not eyes[0].rows["n_listed"].any():
             return True
         clusters = batch.question.target.clusters
         n_records = len(visible) * len(clusters.order)
         self._bind(batch, n_records)
-        listed = batch.countable.rows["n_listed"]
-        self._run("ask", batch.countable, listed * clusters.size)
-        self._hide(batch, listed > 0)
+        self._ask(batch, eyes, clusters.size)
         free, marked = self._found(0, n_records)
         _mark(visible, free, clusters)
         finished, large = self._has_finished(), batch.question.large
         if not large:
             return finished
-        faces = LargeFaces.of(batch, poses, marked)
+        faces = LargeFaces.of(batch, marked)
         for parts in (large.few, large.many):
             several = faces.unseen(batch, parts, visible)
             if not len(several.entries):
@@ -171,23 +175,36 @@ class Caster:
             if not _fits(n_records + parts**2 * len(several.entries)):
                 return False
             self._bind(batch, n_records, several)
-            listed = several.list.rows["n_listed"]
-            self._run("ask", several.list, listed * parts**2, f"PARTS {parts}")
-            self._hide(batch, listed > 0)
+            self._ask(batch, several.lists, parts**2, f"PARTS {parts}")
             free, _ = self._found(n_records, parts**2 * len(several.entries))
             _mark(visible, free, clusters)
             finished &= self._has_finished()
         return finished
 
+    def _ask(self, batch: Batch, lists: Sequence[ViewList], points: int, *defines: str) -> None:
+        """Find which points are free, so many of each entry of the lists of the viewpoints."""
+        for eye, asking in zip(batch.viewpoints, lists, strict=True):
+            n, (width, height) = len(asking.rows), eye.grid
+            self._clear("heads", _HEADS, _HEADS_OUT, (width, n * height))
+            across, up = tiles(eye.grid)
+            self._clear("tiles", _TILES, _TILES_OUT, (across, n * up))
+            batch.question.target.use_packed(_FACES)
+            batch.question.target.use_centres(_CENTRES)
+            if eye.lens is not None:
+                self._hold("lens", eye.lens).bind_to_uniform_block(1)
+            listed = asking.rows["n_listed"]
+            self._run("ask", asking, listed * points, *defines, *eye.defines)
+            self._hide(batch, eye, listed > 0)
+
     def _has_finished(self) -> bool:
         """Return whether no face was given up on since all was bound."""
         return not any(self._buffers["unfinished"].read(4))
 
-    def _hide(self, batch: Batch, asks: Bools) -> None:
-        """Find what is hidden of the points that some views (n,) bool have asked about."""
+    def _hide(self, batch: Batch, eye: Viewpoint, asks: Bools) -> None:
+        """Find what is hidden of the points that some windows (R,) bool have asked about."""
         context = gl_context()
         context.memory_barrier()
-        for surface, occluders in zip(batch.question.occluders, batch.hiding, strict=True):
+        for surface, occluders in zip(batch.question.occluders, eye.hiding, strict=True):
             surface.use_boxes(_BOXES)
             surface.use_packed(_FACES)
             listed = np.where(asks, occluders.rows["n_listed"], 0)
@@ -227,7 +244,7 @@ class Caster:
 
         Records of what was asked before are left as they are, where points are asked about.
         """
-        lists = [batch.countable, *batch.hiding, *([several.list] if several else [])]
+        lists = [*batch.lists, *(several.lists if several else [])]
         # as bytes: NumPy joins tables slowly
         told = [one.rows.view(f"V{VIEW.itemsize}") for one in lists]
         self._hold("told", np.concatenate(told))
@@ -243,12 +260,6 @@ class Caster:
         records = self._texture("records", 4, (_RECORDS_A_LINE, -(-n_free // _RECORDS_A_LINE)))
         records.bind_to_image(_RECORDS_OUT, read=False, write=True)
         records.use(_RECORDS)
-        n, (width, height) = len(batch.countable.rows), batch.question.grid
-        self._clear("heads", _HEADS, _HEADS_OUT, (width, n * height))
-        across, up = tiles(batch.question.grid)
-        self._clear("tiles", _TILES, _TILES_OUT, (across, n * up))
-        batch.question.target.use_packed(_FACES)
-        batch.question.target.use_centres(_CENTRES)
 
     def _found(self, first: int, number: int) -> tuple[Words, Words]:
         """Return what some records, all in all, were found to be.

@@ -88,11 +88,8 @@ class Coincident:
         partner, pixels = partner[kept], pixels[kept]
         faces, index = np.unique(partner, return_inverse=True)
         corners = corners_in_camera(model, faces, pose)
-        tan_x, tan_y = sensor.lens.tan_half
         row, column = np.divmod(pixels, width)
-        ray = np.ones((3, len(pixels)))
-        ray[0] = (2 * (column + 0.5) / width - 1) * float(tan_x)
-        ray[1] = (1 - 2 * (row + 0.5) / height) * float(tan_y)
+        ray = sensor.lens.directions((column + 0.5) / width, (row + 0.5) / height)
         # a ray is within where it lies on one side of the planes through the eye and the edges
         planes = np.cross(corners, np.roll(corners, -1, axis=0), axis=1)
         side = np.einsum("kcn,cn->kn", planes[..., index], ray)

@@ -28,36 +28,50 @@ class Culled:
 
     Attributes
     ----------
-    occludes : (N, C) bool
-        Clusters in the frusta: they can hide or be seen.
+    occludes : (R, C) bool
+        Clusters in the frusta of the views' windows: they can hide or be seen.
     countable : (N, C) bool
         Those that may have a face to count: one that looks at the eye, within the largest
-        incidence (CropNorm) where that is by the ray.
+        incidence (CropNorm) where that is by the ray; at both eyes where there are two.
+    partner : Culled, optional
+        The same of the second viewpoint.
     """
 
     occludes: Bools
     countable: Bools
+    partner: Culled | None = None
+
+    @property
+    def viewpoints(self) -> list[Culled]:
+        """What each optical centre keeps."""
+        return [self, *([self.partner] if self.partner else [])]
 
 
 def cull(scene: GpuScene, views: Views) -> Culled:
     """Return what views keep of the clusters of a scene."""
     occludes = clusters_in_frustum(scene, views.planes)
     height = most_height(scene, views.eye)
-    countable = occludes & (height >= 0)
+    in_frustum: Bools = occludes
+    if views.per_view > 1:
+        in_frustum = np.any(occludes.reshape(len(views), views.per_view, -1), axis=1)
+    countable = in_frustum & (height >= 0)
     min_cos = views.limits.min_ray_cos * (1 - _SLACK)
     countable &= height >= min_cos * least_distance(scene, views.eye)
-    return Culled(occludes, countable)
+    if views.partner is None:
+        return Culled(occludes, countable)
+    second = cull(scene, views.partner)
+    return Culled(occludes, countable & second.countable, second)
 
 
 def clusters_in_frustum(scene: GpuScene, planes: Floats) -> Bools:
-    """Return which clusters may show inside frusta, (N, C) bool (CropFOV).
+    """Return which clusters may show inside frusta, (R, C) bool (CropFOV).
 
     Parameters
     ----------
     scene : GpuScene
         C clusters.
-    planes : (N, K, 4) float64
-        Inward unit planes of N frusta in the world: ``planes @ (p, 1) >= 0`` inside.
+    planes : (R, K, 4) float64
+        Inward unit planes of R frusta in the world: ``planes @ (p, 1) >= 0`` inside.
     """
     above = planes[:, 0] @ scene.centre
     for k in range(1, planes.shape[1]):

@@ -6,15 +6,19 @@ incidence and distance (CropBack, CropNorm, CropNear). Works on any OpenGL 3.3.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.problem.lens import Pinhole
 from glvis.problem.visibility_options import VisibilityOptions, render_resolution
 from glvis.visibility.coincident import Coincident
 from glvis.visibility.culling import Culled
 from glvis.visibility.gpu_scene import GpuScene
+from glvis.visibility.lookup import lookup_of
+from glvis.visibility.rays import seen_by_partner
 from glvis.visibility.renderer import Renderer, Selection, pixels_of_faces
 from glvis.visibility.surface import Surface
 from glvis.visibility.views import Views
@@ -71,7 +75,7 @@ class Drawer:
         model = target.clusters.model
         coincident = self._coincident_of(target)
         hides = options.occlusion == "physical"  # by the paper, backs hide nothing
-        mask = culled.occludes if hides else culled.countable
+        mask = culled.occludes if hides else np.repeat(culled.countable, views.per_view, axis=0)
         targets = Selection(target, mask[:, scene.columns[target]])
         selections = [targets]
         if coincident.is_two_sided:
@@ -83,26 +87,51 @@ class Drawer:
             Selection(one, culled.occludes[:, scene.columns[one]], recedes=True)
             for one in scene.obstacles
         ]
-        renderer = self._renderer(views, options)
         visible = np.zeros((len(views), model.n_faces), dtype=bool)
-        for first, images in renderer.id_images(
+        images = self._images(views, selections, scene, options)
+        for view, (seen, image) in enumerate(zip(visible, images, strict=True)):
+            if views.partner:
+                image = seen_by_partner(image, scene, target, views, culled, view, options)
+            pixels = pixels_of_faces(image, model.n_faces)
+            if len(coincident):
+                pose = views.camera_to_world[view]
+                pixels += coincident.pixels_shared(image, model, views.sensor, pose)
+            seen[:] = pixels >= options.min_pixels
+        return visible
+
+    def _images(
+        self,
+        views: Views,
+        selections: Sequence[Selection],
+        scene: GpuScene,
+        options: VisibilityOptions,
+    ) -> Iterator[NDArray[np.uint32]]:
+        """Yield the ID image of each view as its lens has it, (H, W) uint32."""
+        size = render_resolution(options, views.sensor) or views.sensor.resolution
+        hides = options.occlusion == "physical"
+        lookup = None
+        if not isinstance(views.limits.lens, Pinhole):
+            lookup = lookup_of(views.limits.lens, size)
+        renderer = self._renderer(lookup.window_size if lookup else size)
+        windows = []
+        for _, images in renderer.id_images(
             views, selections, origin=scene.origin, refused_hide=hides
         ):
-            for view, image in enumerate(images, start=first):
-                pixels = pixels_of_faces(image, model.n_faces)
-                if len(coincident):
-                    pose = views.camera_to_world[view]
-                    pixels += coincident.pixels_shared(image, model, views.sensor, pose)
-                visible[view] = pixels >= options.min_pixels
-        return visible
+            if lookup is None:
+                yield from images
+                continue
+            for image in images:
+                windows.append(np.array(image))
+                if len(windows) == views.per_view:
+                    yield lookup.image(windows)
+                    windows = []
 
     def _coincident_of(self, target: Surface) -> Coincident:
         if target not in self._coincident:
             self._coincident[target] = Coincident.of(target.clusters.model)
         return self._coincident[target]
 
-    def _renderer(self, views: Views, options: VisibilityOptions) -> Renderer:
-        resolution = render_resolution(options, views.sensor) or views.sensor.resolution
-        if resolution not in self._renderers:
-            self._renderers[resolution] = Renderer(resolution, self._tiles)
-        return self._renderers[resolution]
+    def _renderer(self, size: tuple[int, int]) -> Renderer:
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(size, self._tiles)
+        return self._renderers[size]

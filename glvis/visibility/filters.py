@@ -18,8 +18,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.problem.lens import Lens
 from glvis.problem.scene import Model
-from glvis.problem.sensor import Sensor
+from glvis.problem.sensor import Partner, Sensor
 from glvis.problem.visibility_options import VisibilityOptions
 
 Array = NDArray[np.floating]
@@ -29,6 +30,7 @@ Bools = NDArray[np.bool_]
 # CropBack by the paper's rules: back faces are tolerated up to 20 degrees past edge on.
 _BACK_TOLERANCE = math.radians(20)
 _ANY_RAY, _ANY_AXIS = 0.0, -2.0  # cosines that refuse nothing
+_ANY_DISTANCE = 1e30  # scene unit; float32 holds it, and nothing lies beyond
 
 
 class Refusal(IntEnum):
@@ -44,32 +46,35 @@ class Refusal(IntEnum):
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of one sensor that the filters hold faces against.
+    """The limits of one viewpoint that the filters hold faces against.
 
     Attributes
     ----------
-    tan_half : tuple of float
-        Tangents of the half opening angles along the image's x and y.
+    lens : Lens
+        Which directions are in the image.
     min_distance, max_distance : float
-        minD and maxD, depth along the optical axis, scene unit.
+        minD and maxD, scene unit.
     min_ray_cos : float
         Cosine of the largest incidence by the true ray; 0: any.
     min_axis_cos : float
         Cosine of the largest incidence by the optical axis; -2: any.
     tolerates_backs : bool
         Whether CropBack is the paper's: by the optical axis, up to 20 degrees past edge on.
+    by_range : bool
+        Whether minD and maxD are distances from the optical centre, not along its axis.
     """
 
-    tan_half: tuple[float, float]
+    lens: Lens
     min_distance: float
     max_distance: float
     min_ray_cos: float = _ANY_RAY
     min_axis_cos: float = _ANY_AXIS
     tolerates_backs: bool = False
+    by_range: bool = False
 
     @classmethod
     def of(cls, sensor: Sensor, options: VisibilityOptions) -> Limits:
-        """Return the limits of a sensor under a study's options.
+        """Return the limits of a sensor's own viewpoint under a study's options.
 
         A largest incidence of 90 degrees means that CropNorm, which the paper calls optional, is
         off.
@@ -78,15 +83,22 @@ class Limits:
         min_cos = math.cos(sensor.max_incidence)
         if sensor.max_incidence >= math.pi / 2:
             min_cos = _ANY_AXIS if options.semantics == "paper" else 0.0  # no rounding of pi / 2
-        tan_x, tan_y = (float(tangent) for tangent in sensor.lens.tan_half)
         return cls(
-            (tan_x, tan_y),
+            sensor.lens,
             sensor.min_distance,
             sensor.max_distance,
             _ANY_RAY if by_axis else min_cos,
             min_cos if by_axis else _ANY_AXIS,
             options.semantics == "paper",
+            sensor.distance == "range",
         )
+
+    def of_partner(self, partner: Partner) -> Limits:
+        """Return the limits of the second viewpoint: its own image, the same incidence, no range.
+
+        The working range is that of the first.
+        """
+        return replace(self, lens=partner.lens, min_distance=0.0, max_distance=_ANY_DISTANCE)
 
     @property
     def needs_axis(self) -> bool:
@@ -95,7 +107,7 @@ class Limits:
 
 
 def crop_fov(x: Array, y: Array, depth: Array, limits: Limits) -> Bools:
-    """Return which points lie in the frustum up to maxD (CropFOV); any one shape.
+    """Return which points lie in the image up to maxD (CropFOV); any one shape.
 
     Parameters
     ----------
@@ -104,11 +116,17 @@ def crop_fov(x: Array, y: Array, depth: Array, limits: Limits) -> Bools:
     limits : Limits
         Of the sensor.
     """
-    tan_x, tan_y = limits.tan_half
-    inside: Bools = depth <= limits.max_distance
-    inside &= np.abs(x) <= tan_x * depth  # never behind the camera, where the depth is negative
-    inside &= np.abs(y) <= tan_y * depth
+    inside: Bools = measured(x, y, depth, limits) <= limits.max_distance
+    inside &= limits.lens.contains(x, y, depth)
     return inside
+
+
+def measured(x: Array, y: Array, depth: Array, limits: Limits) -> Array:
+    """Return what minD and maxD are compared with: depth, or range from the optical centre."""
+    if not limits.by_range:
+        return depth
+    distance: Array = np.sqrt(x * x + y * y + depth * depth)
+    return distance
 
 
 def crop_back(height: Array, axis_cos: Array, limits: Limits) -> Bools:
@@ -148,9 +166,9 @@ def crop_norm(height: Array, distance_squared: Array, axis_cos: Array, limits: L
     return within
 
 
-def crop_near(depth: Array, limits: Limits) -> Bools:
-    """Return which points lie no nearer than minD (CropNear), (...) bool of (...) depths."""
-    return depth >= limits.min_distance
+def crop_near(distance: Array, limits: Limits) -> Bools:
+    """Return which points lie no nearer than minD (CropNear), (...) bool; see ``measured``."""
+    return distance >= limits.min_distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +188,13 @@ class CameraFaces:
     index: NDArray[np.integer]
     points: Floats
     normals: Floats
+
+    def moved(self, camera_to_other: Floats) -> CameraFaces:
+        """Return the same faces in the frame of another camera, by a rigid (4, 4)."""
+        turn, flip = camera_to_other[:3, :3], np.array([1.0, 1.0, -1.0])
+        points = np.tensordot(turn, flip[:, None, None] * self.points, axes=1)
+        points = flip[:, None, None] * (points + camera_to_other[:3, 3, None, None])
+        return CameraFaces(self.index, points, turn @ self.normals)
 
     def __getitem__(self, chosen: Bools) -> CameraFaces:
         columns = np.flatnonzero(chosen)
@@ -202,7 +227,8 @@ def face_camera(faces: CameraFaces, limits: Limits) -> Bools:
 def pass_filters(faces: CameraFaces, limits: Limits) -> Bools:
     """Return which faces pass all four filters, (n,) bool; see ``refusal`` for why not."""
     x, y, depth = faces.points
-    passes = crop_fov(x, y, depth, limits).any(axis=0) & crop_near(depth, limits).all(axis=0)
+    distance = measured(x, y, depth, limits)
+    passes = crop_fov(x, y, depth, limits).any(axis=0) & crop_near(distance, limits).all(axis=0)
     return passes & face_camera(faces, limits)
 
 
@@ -218,7 +244,7 @@ def refusal(faces: CameraFaces, limits: Limits) -> NDArray[np.uint8]:
         Refusal.OUTSIDE: ~crop_fov(x, y, depth, replace(limits, max_distance=math.inf)).any(axis=0),
         Refusal.TURNED_AWAY: ~crop_back(heights, axis_cos, limits),
         Refusal.TOO_FAR: ~crop_fov(x, y, depth, limits).any(axis=0),
-        Refusal.TOO_NEAR: ~crop_near(depth, limits).all(axis=0),
+        Refusal.TOO_NEAR: ~crop_near(measured(x, y, depth, limits), limits).all(axis=0),
         Refusal.TOO_OBLIQUE: ~crop_norm(heights, faces.distances_squared, axis_cos, limits),
     }
     words = [np.uint8(reason) for reason in refused]

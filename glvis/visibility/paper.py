@@ -87,7 +87,9 @@ def visible(
     for target in scene.targets:
         model = target.clusters.model
         visible = np.zeros((len(views), model.n_faces), dtype=bool)
-        for seen, pose, near in zip(visible, views.camera_to_world, views.near, strict=True):
+        for seen, pose, near in zip(
+            visible, views.camera_to_world, views.windows.near, strict=True
+        ):
             seen[:] = paper_map(model, obstacles, pose, views.limits, near)
         found.append(visible)
     return found

@@ -10,10 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from glvis.problem.scene import Model
-from glvis.problem.sensor import Sensor
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.visibility.clusters import Clusters, FaceTable
 from glvis.visibility.filters import CameraFaces, in_camera_frame
@@ -112,9 +111,19 @@ def spans(corners: Floats, tan_half: Floats, near: Floats | float) -> Floats:
     return np.where(is_before, shares, np.inf)
 
 
-def grid_size(sensor: Sensor, model: Model, far: float) -> tuple[int, int]:
-    """Return cells (columns, rows) about as large as a model's faces ``far`` from a sensor."""
-    tan_x, tan_y = (float(tan) for tan in sensor.lens.tan_half)
+def grid_size(tan_half: ArrayLike, model: Model, far: float) -> tuple[int, int]:
+    """Return cells (columns, rows) about as large as a model's faces at a depth.
+
+    Parameters
+    ----------
+    tan_half : (2,) float
+        Tangents of the half angles of the image that they divide.
+    model : Model
+        The faces.
+    far : float
+        The depth, scene unit.
+    """
+    tan_x, tan_y = np.asarray(tan_half).tolist()
     longer = max(tan_x, tan_y)
     areas = model.areas[model.areas > 0]
     # of needles, many lie side by side where one edge reaches
@@ -125,7 +134,7 @@ def grid_size(sensor: Sensor, model: Model, far: float) -> tuple[int, int]:
 
 
 def centres_in_camera(table: FaceTable, columns: Indices, camera_to_world: Floats) -> CameraFaces:
-    """Return those of some faces whose centres lie before a camera, by their centres.
+    """Return some faces by their centres.
 
     Parameters
     ----------
@@ -137,8 +146,6 @@ def centres_in_camera(table: FaceTable, columns: Indices, camera_to_world: Float
         The pose.
     """
     centres = in_camera_frame(table.centroids.take(columns, axis=1), camera_to_world)
-    before = np.flatnonzero(centres[2] > 0)
-    columns, centres = columns[before], centres[:, before]
     normals = camera_to_world[:3, :3].T @ table.normals.take(columns, axis=1)
     return CameraFaces(table.index.take(columns), centres[:, None], normals)
 
@@ -160,7 +167,7 @@ def corners_in_camera(model: Model, index: Indices, camera_to_world: Floats) -> 
 def parts_in_camera(
     table: FaceTable, model: Model, columns: Indices, camera_to_world: Floats, n: int
 ) -> CameraFaces:
-    """Return some faces by the centres of mass of their n x n congruent parts before a camera.
+    """Return some faces by the centres of mass of their n x n congruent parts.
 
     Parameters
     ----------
@@ -179,8 +186,7 @@ def parts_in_camera(
     normals = camera_to_world[:3, :3].T @ table.normals.take(columns, axis=1)
     parts = np.einsum("pk,kcn->cnp", part_weights(n), corners).reshape(3, 1, -1)
     index = np.repeat(table.index.take(columns), n * n)
-    faces = CameraFaces(index, parts, np.repeat(normals, n * n, axis=1))
-    return faces[parts[2, 0] > 0]
+    return CameraFaces(index, parts, np.repeat(normals, n * n, axis=1))
 
 
 def part_weights(n: int) -> Floats:

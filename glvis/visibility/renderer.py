@@ -41,13 +41,13 @@ _BACK, _STEPS_BACK, _APART = 1e-6, 8.0, 8.0
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What N views draw of a surface.
+    """What the windows of some views draw of a surface, R of them.
 
     Attributes
     ----------
     surface : Surface
         Of which model.
-    mask : (N, C) bool
+    mask : (R, C) bool
         Clusters to draw.
     sides : str
         Of its faces: "front", "back", or "both".
@@ -107,7 +107,7 @@ class Renderer(Held):
         origin: Floats,
         refused_hide: bool = True,
     ) -> Iterator[tuple[int, NDArray[np.uint32]]]:
-        """Yield ID images in batches: index of the first view, and (n, H, W) uint32.
+        """Yield ID images in batches: index of the first window, and (n, H, W) uint32.
 
         A pixel holds the index + 1 of the nearest face, or 0 where there is none, the sensor
         refuses it, or it belongs to an obstacle. The arrays are valid until the next batch.
@@ -115,7 +115,7 @@ class Renderer(Held):
         Parameters
         ----------
         views : Views
-            N cameras of this renderer's resolution.
+            Their R windows are drawn at this renderer's resolution.
         selections : sequence of Selection
             What to draw of each surface.
         origin : (3,) float64
@@ -143,11 +143,14 @@ class Renderer(Held):
     def _batches(
         self, views: Views, selections: Sequence[Selection], origin: Floats, refused_hide: bool
     ) -> Iterator[tuple[int, int]]:
-        """Draw the views, ``tiles`` at a time; yield the first view and the number drawn."""
+        """Draw the windows, ``tiles`` at a time; yield the first one and the number drawn."""
         context = gl_context()
-        is_even = views.clip_far > _APART * views.clip_near
+        windows = views.windows
+        is_even = windows.clip_far > _APART * windows.clip_near
+        is_own = views.is_straight and not views.limits.by_range
+        defines = [*["REFUSED_HIDE"] * refused_hide, *["LENS"] * (not is_own)]
         programs = {
-            even: compiled("id_buffer", *["REFUSED_HIDE"] * refused_hide, *["EVEN_DEPTH"] * even)
+            even: compiled("id_buffer", *defines, *["EVEN_DEPTH"] * even)
             for even in np.unique(is_even).tolist()
         }
         width, height = self.resolution
@@ -158,8 +161,8 @@ class Renderer(Held):
             even: _uniforms(views, self.resolution, self._guard, origin, program)
             for even, program in programs.items()
         }
-        for first in range(0, len(views), self.tiles):
-            n = min(self.tiles, len(views) - first)
+        for first in range(0, len(windows), self.tiles):
+            n = min(self.tiles, len(windows) - first)
             for view, target in enumerate(self._targets[:n], start=first):
                 framebuffer = target.framebuffer
                 # The full state, so that no draw depends on the one before.
@@ -247,28 +250,34 @@ def depth_along_axis(depth: NDArray[np.float32], near: float, far: float) -> Flo
 def _uniforms(
     views: Views, resolution: tuple[int, int], guard: int, origin: Floats, program: Any
 ) -> dict[str, NDArray[Any]]:
-    """Return what a program asks for, by name and view; matrices are multiplied in float64."""
-    pose = views.camera_to_world.copy()
+    """Return what a program asks for, by name and window; matrices are multiplied in float64."""
+    windows, limits = views.windows, views.limits
+    pose = windows.camera_to_world.copy()
     pose[:, :3, 3] -= origin
-    projection = projection_matrix(guard * views.tan_half, views.clip_near, views.clip_far)
-    scale = 2 * views.tan_half / np.asarray(resolution)
-    limits = views.limits
+    tan_half = windows.tan_half
+    projection = projection_matrix(guard * tan_half, windows.clip_near, windows.clip_far)
+    scale = 2 * tan_half / np.asarray(resolution)
+    # the sensor's own optical axis, in the frame of the window: right, up and depth
+    backwards = np.repeat(views.camera_to_world[:, :3, 2], views.per_view, axis=0)
+    axis = -np.einsum("rij,ri->rj", pose[:, :3, :3], backwards) * [1.0, 1.0, -1.0]
     uniforms: dict[str, Any] = {
         "world_to_clip": np.swapaxes(projection @ rigid_inverse(pose), 1, 2),  # columns first
         "eye": pose[:, :3, 3],
-        "backwards": pose[:, :3, 2],
-        "clip_range": np.stack([views.clip_near, views.clip_far], axis=1),
+        "backwards": backwards,
+        "clip_range": np.stack([windows.clip_near, windows.clip_far], axis=1),
+        "axis": axis,
     }
     constant = {
-        "pixel_to_tangent": np.concatenate([scale, -views.tan_half]),
+        "by_range": int(limits.by_range),
+        "pixel_to_tangent": np.concatenate([scale, -tan_half]),
         "min_distance": limits.min_distance,
         "max_distance": limits.max_distance,
         "min_ray_cos": limits.min_ray_cos,
         "min_axis_cos": limits.min_axis_cos,
     }
-    uniforms |= {name: [value] * len(views) for name, value in constant.items()}
+    uniforms |= {name: [value] * len(windows) for name, value in constant.items()}
     return {
-        name: np.ascontiguousarray(rows, dtype=np.float32)
+        name: np.ascontiguousarray(rows, dtype=np.int32 if name == "by_range" else np.float32)
         for name, rows in uniforms.items()
         if name in program
     }

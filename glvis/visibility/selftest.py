@@ -26,7 +26,7 @@ from glvis.visibility.gpu_scene import GpuScene
 from glvis.visibility.points import Large
 from glvis.visibility.renderer import Renderer, Selection, depth_along_axis
 from glvis.visibility.surface import Surface
-from glvis.visibility.views import Views
+from glvis.visibility.views import Views, Windows
 
 _SIZE = 8  # pixels a side: each covers one unit of the wall below
 
@@ -76,7 +76,8 @@ def _view() -> Views:
     sensor = Sensor("self-test", Pinhole.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
     pose = look_along([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0))
     reach, near, far = np.array([[9.0], [1.0], [10.0]])
-    return Views(pose, sensor, Limits((0.5, 0.5), 2.0, 9.0), reach, near, far)
+    windows = Windows(pose, np.array([0.5, 0.5]), reach, near, far)
+    return Views(pose, sensor, Limits(Pinhole.from_tangents(0.5, 0.5), 2.0, 9.0), windows)
 
 
 def _wall_grid(cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +108,7 @@ def _cast(cells: tuple[int, int], large: Large | None, grid: int) -> np.ndarray:
     plate = _grid(np.array([0.0, -2.0]), np.array([2.0, 4.0]), (1, 1), -4.0)
     scene, caster, view = GpuScene([wall], [plate], np.zeros(3)), Caster(), _view()
     try:
-        question = Question(scene, scene.targets[0], (grid, grid), large)
+        question = Question(scene, scene.targets[0], [(grid, grid)], large)
         found = caster.answer(question, view, cull(scene, view))
         return np.zeros(0) if found is None else found[0]
     finally:

@@ -99,8 +99,8 @@ class Looking:
         return visible
 
     def question(self, device: Sensor) -> Question:
-        grid = grid_size(device, self.model, device.max_distance)
-        return Question(self.scene, self.surface, grid, large_faces(self.options))
+        grid = grid_size(device.lens.windows.tan_half, self.model, device.max_distance)
+        return Question(self.scene, self.surface, [grid], large_faces(self.options))
 
     def release(self):
         self.maps.release()
