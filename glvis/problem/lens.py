@@ -285,6 +285,14 @@ class SphericalLens(Lens):
         level = np.cos(elevation)
         return np.stack([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
 
+    def image_a_steradian(self, x: ArrayLike, y: ArrayLike, depth: ArrayLike) -> Floats:
+        """Return the share of the image that a steradian takes at directions (...)."""
+        level = np.hypot(x, depth)
+        low, high = self.elevation
+        with np.errstate(divide="ignore"):  # infinite at the poles
+            share: Floats = np.hypot(level, y) / level / (self.azimuth * (high - low))
+        return share
+
     @cached_property
     def windows(self) -> Windows:
         """Sectors of azimuth, or a cube where the elevation is steep."""

@@ -145,7 +145,7 @@ class Caster:
 
     def _grid(self, target: Surface, views: Views) -> tuple[int, int]:
         windows = views.windows
-        far = float(windows.reach.max(initial=np.finfo(float).tiny))
+        far = float(windows.farthest.max(initial=np.finfo(float).tiny))
         # to the next power of two: a few grids serve all poses
         far = min(views.limits.max_distance, 2.0 ** math.ceil(math.log2(far)))
         key = target, (*windows.tan_half.tolist(), far)

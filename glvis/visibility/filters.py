@@ -31,6 +31,7 @@ Bools = NDArray[np.bool_]
 _BACK_TOLERANCE = math.radians(20)
 _ANY_RAY, _ANY_AXIS = 0.0, -2.0  # cosines that refuse nothing
 _ANY_DISTANCE = 1e30  # scene unit; float32 holds it, and nothing lies beyond
+_BEYOND = 1e-5  # share by which a bound is farther than what it bounds, for float32
 
 
 class Refusal(IntEnum):
@@ -96,9 +97,14 @@ class Limits:
     def of_partner(self, partner: Partner) -> Limits:
         """Return the limits of the second viewpoint: its own image, the same incidence, no range.
 
-        The working range is that of the first.
+        The working range is that of the first: its farthest point bounds what the second is asked
+        about, and no more.
         """
-        return replace(self, lens=partner.lens, min_distance=0.0, max_distance=_ANY_DISTANCE)
+        farthest, windows = self.max_distance, self.lens.windows
+        if not self.by_range:
+            farthest *= math.hypot(1.0, *windows.tan_half) if windows.is_straight else math.inf
+        farthest = min((1 + _BEYOND) * (farthest + partner.baseline), _ANY_DISTANCE)
+        return replace(self, lens=partner.lens, min_distance=0.0, max_distance=farthest)
 
     @property
     def needs_axis(self) -> bool:

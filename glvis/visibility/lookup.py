@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.problem.lens import Lens
+from glvis.problem.lens import Lens, SphericalLens
 
 Pixels = TypeVar("Pixels", bound=np.generic)
 
@@ -77,6 +77,8 @@ def lookup_of(lens: Lens, resolution: tuple[int, int], finer: float = 1.0) -> Lo
 
 def _finest(lens: Lens, resolution: tuple[int, int]) -> float:
     """Return the most pixels that a unit of tangent takes anywhere in the image."""
+    if isinstance(lens, SphericalLens):  # at the poles columns crowd, but show the same
+        return max(share * n for share, n in zip(lens.focal, resolution, strict=True))
     u, v = np.meshgrid(*[np.linspace(0, 1, _SAMPLES)] * 2)
     directions = lens.directions(u.ravel(), v.ravel())
     x, y, depth = directions[:, np.isfinite(directions[0])]

@@ -76,7 +76,7 @@ def _view() -> Views:
     sensor = Sensor("self-test", Pinhole.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
     pose = look_along([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0))
     reach, near, far = np.array([[9.0], [1.0], [10.0]])
-    windows = Windows(pose, np.array([0.5, 0.5]), reach, near, far)
+    windows = Windows(pose, np.array([0.5, 0.5]), reach, near, far, reach)
     return Views(pose, sensor, Limits(Pinhole.from_tangents(0.5, 0.5), 2.0, 9.0), windows)
 
 

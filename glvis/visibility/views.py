@@ -42,9 +42,11 @@ class Windows:
     tan_half : (2,) float64
         Tangents of the half opening angles.
     reach : (R,) float64
-        Distance up to which anything is seen, or there is nothing; scene unit.
+        Of the view, by which the near plane is measured; at least ``farthest``; scene unit.
     clip_near, clip_far : (R,) float64
         Clip planes, beyond both ends of what can show.
+    farthest : (R,) float64
+        Distance beyond which nothing is seen: out of range, or there is nothing; scene unit.
     """
 
     camera_to_world: Floats
@@ -52,6 +54,7 @@ class Windows:
     reach: Floats
     clip_near: Floats
     clip_far: Floats
+    farthest: Floats
 
     def __len__(self) -> int:
         return len(self.camera_to_world)
@@ -203,4 +206,5 @@ def _windows_of(camera_to_world: Floats, limits: Limits, corners: Floats) -> Win
     # Planes beyond the scene on both sides cut no face and leave the depth buffer its bits.
     clip_far = np.minimum(np.maximum(deepest, reach), _FARTHEST * reach)
     clip_near = np.minimum(np.maximum(depth.min(axis=1), NEAREST * reach), clip_far / 2)
-    return Windows(poses, lens.tan_half, reach, clip_near / _MARGIN, clip_far * _MARGIN)
+    farthest = np.where(deepest > 0, np.minimum(most, deepest), most)
+    return Windows(poses, lens.tan_half, reach, clip_near / _MARGIN, clip_far * _MARGIN, farthest)
