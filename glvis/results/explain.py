@@ -18,29 +18,32 @@ from glvis.problem.scene import Model
 from glvis.problem.study import Study
 from glvis.problem.visibility_options import asks_about_points
 from glvis.search.placement import Placement, evaluate_poses
-from glvis.visibility.filters import Limits, Refusal, faces_in_camera, refusal
+from glvis.visibility.filters import Refusal, refusals_of_sensor
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 # From the farthest from being seen to the nearest: first as ``filters.Refusal`` has them. The last
-# three stand above them all.
+# four stand above them all.
 REASONS = (
     "nothing looks there",
     "turned away",
     "too far",
     "too near",
     "too oblique",
+    "outside the partner's image",
+    "turned from the partner",
     "hidden by the model",
     "hidden by an obstacle",
     "smaller than a pixel",
     "no area",
     "out of reach",
     "seen from behind",
+    "hidden from the partner",
 )
 _HIDDEN = int(Refusal.NONE)
-_OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE, _BEHIND = range(_HIDDEN + 1, len(REASONS))
+_OBSTRUCTED, _TINY, _NO_AREA, _NOWHERE, _BEHIND, _FROM_PARTNER = range(_HIDDEN + 1, len(REASONS))
 SEEN = -1
 _OTHERWISE = (SEEN, _OBSTRUCTED, _TINY, _NO_AREA)  # what no look from behind changes
 
@@ -61,6 +64,9 @@ def unseen_reasons(placement: Placement) -> list[Integers]:
         closest[model.areas == 0] = _NO_AREA
         closest[seen_map.counts > 0] = SEEN
         found.append(closest)
+    if any(sensor.partner for sensor in study.sensors):
+        alone = tuple(replace(sensor, partner=None, noise=None) for sensor in study.sensors)
+        _tell_from_hidden(placement, found, _FROM_PARTNER, replace(study, sensors=alone))
     if study.obstacles and any((reason == _HIDDEN).any() for reason in found):
         _tell_from_hidden(placement, found, _OBSTRUCTED, replace(study, obstacles=()))
     options = study.visibility
@@ -103,7 +109,7 @@ def refusals_of(model: Model, study: Study, camera_to_world: Floats) -> NDArray[
     options = study.visibility
     refused = np.zeros((len(study.sensors), model.n_faces), dtype=np.uint8)
     for row, sensor, pose in zip(refused, study.sensors, camera_to_world, strict=True):
-        row[:] = refusal(faces_in_camera(model, pose, options), Limits.of(sensor, options))
+        row[:] = refusals_of_sensor(model, pose, sensor, options)
     return refused
 
 

@@ -37,6 +37,8 @@ _REFUSALS = {
     Refusal.TOO_FAR: "too far",
     Refusal.TOO_NEAR: "too near",
     Refusal.TOO_OBLIQUE: "too oblique",
+    Refusal.OUTSIDE_PARTNER: "outside the partner's image",
+    Refusal.TURNED_FROM_PARTNER: "turned from the partner",
     Refusal.NONE: "hidden",
 }
 

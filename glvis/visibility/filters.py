@@ -18,6 +18,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glvis.problem.camera import rigid_inverse
 from glvis.problem.lens import Lens
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Partner, Sensor
@@ -42,7 +43,9 @@ class Refusal(IntEnum):
     TOO_FAR = 2  # CropFOV: beyond maxD
     TOO_NEAR = 3  # CropNear
     TOO_OBLIQUE = 4  # CropNorm
-    NONE = 5  # all let it pass: it is seen unless something hides it
+    OUTSIDE_PARTNER = 5  # CropFOV of the second viewpoint
+    TURNED_FROM_PARTNER = 6  # its CropBack or CropNorm
+    NONE = 7  # all let it pass: it is seen unless something hides it
 
 
 @dataclass(frozen=True)
@@ -255,6 +258,34 @@ def refusal(faces: CameraFaces, limits: Limits) -> NDArray[np.uint8]:
     }
     words = [np.uint8(reason) for reason in refused]
     return np.select(list(refused.values()), words, default=np.uint8(Refusal.NONE))
+
+
+def refusals_of_sensor(
+    model: Model, camera_to_world: Floats, sensor: Sensor, options: VisibilityOptions
+) -> NDArray[np.uint8]:
+    """Return the filter of a sensor's viewpoints that refuses each face of a model first, (F,).
+
+    Parameters
+    ----------
+    model : Model
+        F faces in the world.
+    camera_to_world : (4, 4) float64
+        The pose.
+    sensor : Sensor
+        Whose filters.
+    options : VisibilityOptions
+        What counts as visible.
+    """
+    faces, limits = faces_in_camera(model, camera_to_world, options), Limits.of(sensor, options)
+    refused = refusal(faces, limits)
+    if sensor.partner:
+        first_to_partner = rigid_inverse(sensor.partner.partner_to_sensor)
+        second = refusal(faces.moved(first_to_partner), limits.of_partner(sensor.partner))
+        passes = refused == Refusal.NONE
+        turned = np.isin(second, (Refusal.TURNED_AWAY, Refusal.TOO_OBLIQUE))
+        refused[passes & (second == Refusal.OUTSIDE)] = Refusal.OUTSIDE_PARTNER
+        refused[passes & turned] = Refusal.TURNED_FROM_PARTNER
+    return refused
 
 
 def faces_in_camera(

@@ -89,6 +89,15 @@ class MapScene:
     sensors: tuple[Sensor, ...]
     visibility: VisibilityOptions
 
+    def __post_init__(self) -> None:
+        if self.visibility.semantics == "paper":
+            for sensor in self.sensors:
+                if not sensor.is_ideal:
+                    raise ValueError(
+                        f"sensor '{sensor.name}': semantics = 'paper' knows one ideal pinhole "
+                        "whose range is depth, no other lens and no partner; take semantics out"
+                    )
+
     @classmethod
     def of(cls, study: Study) -> MapScene:
         """Return the scene of a study."""
