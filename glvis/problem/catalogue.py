@@ -108,7 +108,11 @@ class Entry:
         """
         if self.missing:
             raise ValueError(f"sensor '{self.name}' {self.lack}")
-        return sensor_of(self.name, scaled(self.table, 1 / MM_PER_UNIT.get(unit, 1.0)))
+        return sensor_of(self.name, self.table_in(unit))
+
+    def table_in(self, unit: str) -> dict[str, Any]:
+        """Return its table with the lengths in a unit."""
+        return scaled(self.table, 1 / MM_PER_UNIT.get(unit, 1.0))
 
     def source_of(self, key: str) -> str:
         """Return where the number of a key is from, or of the table that it stands in; or ""."""
