@@ -91,7 +91,8 @@ def test_a_flat_part_has_nothing_to_aim_along(tmp_path):
 @pytest.mark.parametrize(
     ("radius", "unit", "name"),
     [
-        (60, "mm", "d415-buonamici"), (0.06, "m", "d415-buonamici"), (60 / 25.4, "in", "d415-buonamici"),
+        (60, "mm", "d415-buonamici"), (0.06, "m", "d415-buonamici"),
+        (60 / 25.4, "in", "d415-buonamici"),
         (1000, "mm", "kinect-v2"), (1, "m", "kinect-v2"),
         (200, "mm", "camera"), (5, "mm", "camera"), (1e6, "mm", "camera"),
     ],
@@ -198,7 +199,8 @@ def test_a_room_is_watched_from_within_off_its_walls_and_furniture(tmp_path, up)
     path, said = remarks_of(tmp_path / "s", [mesh], up=up, sensors=4)
     assert any(line.startswith("Taken for a room, seen from within (or: --around") for line in said)
     assert any(
-        line.startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415-buonamici") for line in said
+        line.startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415-buonamici")
+        for line in said
     )
     study = load_study(path)
     assert study.unit == "m"

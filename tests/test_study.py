@@ -339,7 +339,7 @@ def test_a_bad_study_ends_in_one_exact_line(load, folder, old, new, message):
         (FIXED + "[sensor.x]\n", "[sensor.x] 'hfov_deg' is missing"),
         (
             FIXED.replace("d415-buonamici", "d415-buonamicci"),
-            "sensor = 'd415-buonamicci' is unknown; did you mean 'd415-buonamici'?; 'glvis sensors'",
+            "sensor = 'd415-buonamicci' is unknown; did you mean 'd415-buonamici'?; 'gl",
         ),
         (
             FIXED.replace("d415-buonamici", "d514"),
@@ -572,7 +572,9 @@ max_distance = 900
 [visibility]
 min_pixels = 2
 """
-    study = load(torn, "sensor.b.max_distance=800", "sensor.d415-buonamici.max_distance=5000", "swarm.seed=4")
+    study = load(
+        torn, "sensor.b.max_distance=800", "sensor.d415-buonamici.max_distance=5000", "swarm.seed=4"
+    )
     tables = tomllib.loads(study.text)
     assert tables["sensor"]["b"]["max_distance"] == 800
     assert tables["sensor"]["d415-buonamici"]["max_distance"] == 5000

@@ -129,13 +129,18 @@ def _field(lens: Lens) -> str:
 def _range(table: dict[str, Any]) -> str:
     low, high = (table.get(key) for key in ("min_distance", "max_distance"))
     if high is None:
-        return "" if low is None else f"from {low:.6g}"
-    return f"{low or 0:.6g} to {high:.6g}"
+        return "" if low is None else f"from {_short(low)}"
+    return f"{_short(low or 0)} to {_short(high)}"
 
 
 def _baseline(table: dict[str, Any]) -> str:
     offset = table.get("partner", {}).get("offset")
-    return f"{math.hypot(*offset):.4g}" if offset else ""
+    return _short(math.hypot(*offset)) if offset else ""
+
+
+def _short(length: float) -> str:
+    """Return a length with four digits, in full."""
+    return f"{length:.4g}" if length < 9999.5 else f"{length:.0f}"
 
 
 def _as_json(chosen: list[Entry], unit: str) -> str:
