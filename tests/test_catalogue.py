@@ -184,7 +184,7 @@ def test_camera_and_projector_see_the_makers_field_together(name, yaw_deg, z, wi
     found = overlap(find_sensor(name, "mm"), z, yaw_deg)
     assert found[0] == pytest.approx(width, rel=0.02)
     # where the projector's height is the smaller one, Zivid's meshes seem to take both midway;
-    # of the PhoXi only the height of a trapezoid is stated
+    # Photoneo states a smaller height than the two pyramids have
     assert found[1] == pytest.approx(height, rel=0.07 if name == "phoxi-l" else 0.045)
 
 
@@ -311,8 +311,8 @@ def test_a_plain_d415_is_refused_by_one_line_that_names_both():
     with pytest.raises(ValueError) as error:
         find_sensor("d415", "mm")
     assert str(error.value) == (
-        "sensor 'd415' is 'd415-buonamici', the paper's (66.4 x 39.5 deg, 160 to 350 mm), or "
-        "'realsense-d415', the maker's sheet: name one of them"
+        "sensor 'd415' is ambiguous: 'd415-buonamici' is the paper's (66.4 x 39.5 deg, 160 to "
+        "350 mm), 'realsense-d415' the maker's sheet"
     )
 
 

@@ -31,8 +31,8 @@ _CALIBRATED = {"opencv": OpenCVLens, "fisheye": FisheyeLens}
 _REFERENCE = re.compile(r"\{([\w-]+)\}")
 # Bare names of products that are more than one entry, and which of them are meant.
 _TWOFOLD = {
-    "d415": "is 'd415-buonamici', the paper's (66.4 x 39.5 deg, 160 to 350 mm), or "
-    "'realsense-d415', the maker's sheet: name one of them",
+    "d415": "is ambiguous: 'd415-buonamici' is the paper's (66.4 x 39.5 deg, 160 to 350 mm), "
+    "'realsense-d415' the maker's sheet",
 }
 
 

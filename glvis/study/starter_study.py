@@ -233,7 +233,8 @@ def _several_text(n: int, is_one: bool) -> str:
 def _sensor_text(fit: Fit, unit: str) -> str:
     """Return the table of a sensor made to measure, or a remark about a known one."""
     sensor = fit.sensor
-    hfov, vfov = (f"{math.degrees(value):.5g}" for value in sensor.lens.opening)
+    digits = 4 if fit.is_known else 5
+    hfov, vfov = (f"{math.degrees(value):.{digits}g}" for value in sensor.lens.opening)
     if fit.is_known:
         return (
             f'# The mounts below name "{sensor.name}", which glvis knows: {hfov} x {vfov} deg,\n'
