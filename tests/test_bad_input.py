@@ -101,7 +101,7 @@ KEYS = {
     ),
     "unknown sensor": (
         'sensor = "eye"\nposition = [0', 'sensor = "eyes"\nposition = [0',
-        "[[mount]] 'C' sensor = 'eyes' is unknown; did you mean 'eye'?; known are d415, kinect",
+        "[[mount]] 'C' sensor = 'eyes' is unknown; did you mean 'eye'?; 'glvis sensors'",
     ),
     "unknown key": (
         "roll_deg = 30", "rol_deg = 30",

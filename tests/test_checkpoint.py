@@ -155,7 +155,7 @@ def test_extension_adds_iterations_to_what_was_done(study, path):
         (["variables.height.max=3"], "variables.height.max: 2 -> 3"),
         (["mount.B.roll_deg=5"], "mount.B.roll_deg: nothing -> 5"),
         (["objective.weights=set2"], 'objective.weights: nothing -> "set2"'),
-        (["mount.A.sensor=d415"], 'mount.A.sensor: "eye" -> "d415"'),
+        (["mount.A.sensor=kinect-v2"], 'mount.A.sensor: "eye" -> "kinect-v2"'),
     ],
 )
 def test_study_that_has_changed_is_refused_with_the_change(study, path, overrides, change):

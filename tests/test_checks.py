@@ -19,7 +19,7 @@ max_edge = "off"
 scale = SCALE
 [sensor.near]
 hfov_deg = 60
-vfov_deg = 40
+vfov_deg = 46.8
 resolution = [640, 480]
 min_distance = 100
 max_distance = 400

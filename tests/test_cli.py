@@ -111,7 +111,7 @@ def test_check_says_what_is_in_a_study(glvis_cli, study):
     assert ["model", "cube", "12", "6", "1.13807", "closed"] in words
     assert ["cube", "eye", "none:", "by", "points", "0.0", "%", "6", "mm"] in words
     assert ["A.position.x", "2", "6", "3"] in words
-    assert "eye: 60 x 40 deg, 96 x 64 pixels, 0 to 12 mm" in out
+    assert "eye: 60 x 42 deg, 96 x 64 pixels, 0 to 12 mm" in out
     assert "3 of them: A, B, C" in out
     assert "One evaluation (6 maps): " in out
     assert "A full run of 72 maps: an estimated " in out

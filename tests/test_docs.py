@@ -151,7 +151,7 @@ def test_commands_of_the_text_exist():
 # How an example of a table becomes part of a study; the rest of one that is whole.
 SCENE = '[scene]\nmodels = ["part.stl"]\n'
 SENSOR = {"hfov_deg": "66", "vfov_deg": "40", "resolution": "[64, 48]", "max_distance": "9"}
-MOUNT = {"name": '"A"', "sensor": '"d415"', "position": "[0, 0, 0]", "aim": "[0, 0, 1]"}
+MOUNT = {"name": '"A"', "sensor": '"kinect-v2"', "position": "[0, 0, 0]", "aim": "[0, 0, 1]"}
 RING = {"axis": '"z"', "radius": "1", "angle_deg": "0", "height": "0"}
 ANGLES = {"azimuth_deg": "0", "elevation_deg": "0"}
 MIRROR = {"name": '"B"', "normal": "[1, 0, 0]"}

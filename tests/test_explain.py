@@ -27,13 +27,13 @@ max_edge = "off"
 obstacles = ["{data}/arms/holder.stl"]
 [[mount]]
 name = "A"
-sensor = "d415"
+sensor = "d415-buonamici"
 position = [212, -212, 136]
 aim = [0, 0, 0]
 mirror = {{ plane = "yz", name = "B" }}
 [[mount]]
 name = "C"
-sensor = "d415"
+sensor = "d415-buonamici"
 position = [150, 120, -120]
 aim = [0, 0, -60]
 roll_deg = 20

@@ -25,7 +25,7 @@ from glvis.study.loading import load_study
 # Two kinds of sensors, pixels that are not square, a roll, a mirror, another unit and up.
 TEXT = (
     SMALL.replace("up = [0, 1, 0]", 'unit = "cm"\nup = [0, 0, 1]')
-    .replace("vfov_deg = 40", "vfov_deg = 33.7")
+    .replace("vfov_deg = 42", "vfov_deg = 33.7")
     .replace('name = "C"\nsensor = "eye"', 'name = "C top"\nsensor = "kinect-v2"')
     .replace('"cube.off", "small.off"]', '"cube.off"]\nobstacles = ["small.off"]')
 )  # fmt: skip

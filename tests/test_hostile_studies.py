@@ -49,7 +49,7 @@ TOO_MUCH = {  # what is put in place of what: what the line says
     "images of gigabytes": (
         "resolution = [96, 64]",
         """resolution = [16384, 16384]\nmax_distance = 12\n[visibility]\nresolution = "sensor"
-        [sensor.other]\nhfov_deg = 60\nvfov_deg = 40\nresolution = [96, 64]""",
+        [sensor.other]\nhfov_deg = 60\nvfov_deg = 42\nresolution = [96, 64]""",
         "'eye' would be drawn with 16384 x 16384 pixels, more than 67,108,864",
     ),
     "particles whose square fills memory": ("particles = 4", "particles = 20000", "most 10000"),

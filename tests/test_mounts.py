@@ -21,7 +21,7 @@ def text(expression):
 
 def mount(name="A", place=(0.0, 0.0, 500.0), orientation=None, roll=0.0, mirror=None):
     orientation = orientation or Angles(0.0, 0.0)
-    return Mount(name, "d415", place, orientation, roll, mirror)
+    return Mount(name, "kinect-v2", place, orientation, roll, mirror)
 
 
 def pose(one: Mount, x=(), variables=None, up=(0, 0, 1)):
@@ -175,7 +175,7 @@ def test_variables_come_in_the_order_of_the_file_and_are_named_by_their_place():
     assert rig.variables[0] == Variable("z", 0, 2, 0, False)
     np.testing.assert_array_equal(rig.start[:4], [0, 2, 1500, 0.5])  # the middle, unless given
     np.testing.assert_array_equal(rig.bounds[2], [0, 3000])
-    assert rig.sensor_kinds == ("d415",) * 4
+    assert rig.sensor_kinds == ("kinect-v2",) * 4
     assert rig.moved_by[:3] == (frozenset(range(2, 7)), frozenset(range(7, 12)), frozenset({12}))
     assert rig.moved_by[3] == {0, 1}
 

@@ -416,9 +416,9 @@ def test_part_centroids_are_those_of_congruent_parts():
 
 
 def test_eye_reads_a_sensor_in_degrees():
-    from glvis.problem.sensor import CATALOGUE
+    from glvis.problem.catalogue import catalogue
 
-    eye = Eye.of(CATALOGUE["d415"])
+    eye = Eye.of(catalogue("mm")["d415-buonamici"])
     assert (eye.hfov_deg, eye.vfov_deg) == pytest.approx((66.4, 39.5))
     assert (eye.min_distance, eye.max_distance) == (160, 350)
     assert eye.max_incidence_deg == pytest.approx(70)

@@ -48,7 +48,7 @@ def test_words_are_short(study, placement):
         f"Placement(OF3 = {placement.value:.4g}, {share:.1f} % of the faces seen, "
         "3 sensors, finished: all 2 iterations done)"
     )
-    eye = "Sensor('eye', 60 x 40 deg, 96 x 64 pixels, 0 to 12, incidence up to 90 deg)"
+    eye = "Sensor('eye', 60 x 42 deg, 96 x 64 pixels, 0 to 12, incidence up to 90 deg)"
     assert repr(study.sensors[0]) == eye
     assert repr(study.rig) == "Rig(1 variables, sensors A, B, C)"
     assert repr(placement.maps[0]).startswith("VisibilityMap('cube', visible (3, 12), ")

@@ -1,11 +1,11 @@
-"""What a sensor may be, and the two that ship with the tool."""
+"""What a sensor may be."""
 
 import math
 
 import pytest
 
 from glvis.problem.lens import Pinhole
-from glvis.problem.sensor import CATALOGUE, Sensor
+from glvis.problem.sensor import Sensor
 
 
 def sensor(**changes):
@@ -18,28 +18,6 @@ def sensor(**changes):
         "max_incidence": math.radians(70),
     }
     return Sensor(**(settings | changes))
-
-
-def test_d415_is_the_one_of_table_3():
-    d415 = CATALOGUE["d415"]
-    assert math.degrees(d415.lens.hfov) == pytest.approx(69.4 - 3)
-    assert math.degrees(d415.lens.vfov) == pytest.approx(42.5 - 3)
-    assert d415.resolution == (1280, 720)
-    assert (d415.min_distance, d415.max_distance) == (160, 350)
-    assert math.degrees(d415.max_incidence) == pytest.approx(70)
-
-
-def test_kinect_v2_is_the_one_of_the_kitchen_study():
-    kinect = CATALOGUE["kinect-v2"]
-    assert math.degrees(kinect.lens.hfov) == pytest.approx(70.6)
-    assert math.degrees(kinect.lens.vfov) == pytest.approx(60)
-    assert kinect.resolution == (512, 424)
-    assert (kinect.min_distance, kinect.max_distance) == (500, 4500)
-    assert math.degrees(kinect.max_incidence) == pytest.approx(80)
-
-
-def test_catalogue_knows_each_sensor_by_its_name():
-    assert all(name == sensor.name for name, sensor in CATALOGUE.items())
 
 
 def test_min_distance_may_be_zero_and_incidence_goes_up_to_edge_on_by_default():

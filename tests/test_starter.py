@@ -91,7 +91,8 @@ def test_a_flat_part_has_nothing_to_aim_along(tmp_path):
 @pytest.mark.parametrize(
     ("radius", "unit", "name"),
     [
-        (60, "mm", "d415"), (0.06, "m", "d415"), (60 / 25.4, "in", "d415"),
+        (60, "mm", "d415-buonamici"), (0.06, "m", "d415-buonamici"),
+        (60 / 25.4, "in", "d415-buonamici"),
         (1000, "mm", "kinect-v2"), (1, "m", "kinect-v2"),
         (200, "mm", "camera"), (5, "mm", "camera"), (1e6, "mm", "camera"),
     ],
@@ -198,7 +199,8 @@ def test_a_room_is_watched_from_within_off_its_walls_and_furniture(tmp_path, up)
     path, said = remarks_of(tmp_path / "s", [mesh], up=up, sensors=4)
     assert any(line.startswith("Taken for a room, seen from within (or: --around") for line in said)
     assert any(
-        line.startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415") for line in said
+        line.startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415-buonamici")
+        for line in said
     )
     study = load_study(path)
     assert study.unit == "m"
@@ -232,9 +234,9 @@ def test_a_place_that_is_wanted_goes_before_the_guess(tmp_path):
     assert not any("Taken for" in line for line in said)
     heights = [v for v in load_study(above).variables if v.name.endswith("height")]
     assert min(v.min for v in heights) + 50 > 0
-    room, _ = remarks_of(tmp_path / "room", [cube], place="room", sensor="d415")
+    room, _ = remarks_of(tmp_path / "room", [cube], place="room", sensor="d415-buonamici")
     study = load_study(room)
-    assert {sensor.name for sensor in study.sensors} == {"d415"}
+    assert {sensor.name for sensor in study.sensors} == {"d415-buonamici"}
     assert (np.abs(study.rig.poses(study.rig.start)[:, :2, 3]) < 50).all()
 
 
@@ -250,7 +252,7 @@ def test_no_sector_keeps_sensors_from_standing_opposite_each_other(tmp_path):
 
 
 @pytest.mark.parametrize("unit", ["mm", "in"])
-@pytest.mark.parametrize("sensor", ["d415", "kinect-v2"])
+@pytest.mark.parametrize("sensor", ["d415-buonamici", "kinect-v2"])
 @pytest.mark.parametrize("size", [40.0, 400.0, 5000.0])
 def test_a_sensor_of_the_catalogue_sees_parts_of_any_size(tmp_path, sensor, size, unit):
     mm = {"mm": 1.0, "in": 25.4}[unit]
@@ -329,7 +331,8 @@ def test_real_meshes_get_a_study_without_a_fault(tmp_path, shared_data):
         ({"unit": "m"}, "--unit: is for the meshes of --model; the examples are in mm"),
         ({"place": "above"}, "--above: is for the meshes of --model"),
         ({"together": False}, "--each: is for the meshes of --model"),
-        ({"sensor": "d435"}, "--sensor d435: must be one of d415, kinect-v2"),
+        ({"sensor": "d435"}, "--sensor: sensor 'd435' is unknown; did you mean 'realsense-d435'"),
+        ({"sensor": "imx264-8mm"}, "--sensor: sensor 'imx264-8mm' has no max_distance in the"),
         ({"up": "w"}, "--up w: must be one of x, y, z"),
         ({"sensors": 3}, "--sensors: the arm's scanner has eight"),
     ],
@@ -390,7 +393,7 @@ def test_command_takes_one_place_and_says_what_it_found(tmp_path, capsys):
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "cube: 0.6 x 0.6 x 0.6 m in all, z is up (or: --up y)"
     assert out[1].startswith("Warning: 1.04 mm across: are these metres (1.04 m)?")
-    assert out[2].startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415")
+    assert out[2].startswith("Sensor: kinect-v2, 0.5 to 4.5 m (or: --sensor d415-buonamici")
 
 
 def test_arm_is_closed_and_looks_outwards(tmp_path):

@@ -94,7 +94,7 @@ models = ["ball.off"]
 max_edge = "off"
 [[mount]]
 name = "A"
-sensor = "d415"
+sensor = "d415-buonamici"
 position = [0, 0, 300]
 aim = [0, 0, 0]
 """
@@ -202,7 +202,8 @@ def test_catalogue_sensors_come_in_the_unit_of_the_study(load, unit, reach):
 
 
 def test_a_sensor_of_the_file_goes_before_the_catalogue(load):
-    table = "[sensor.d415]\nhfov_deg = 90\nvfov_deg = 60\nresolution = [64, 48]\nmax_distance = 9\n"
+    table = "[sensor.d415-buonamici]\nhfov_deg = 90\nvfov_deg = 60\nresolution = [64, 48]\n"
+    table += "max_distance = 9\n"
     (sensor,) = load(FIXED + table).sensors
     assert (sensor.min_distance, sensor.max_distance, sensor.resolution) == (0, 9, (64, 48))
     assert sensor.max_incidence == pytest.approx(math.pi / 2)
@@ -337,12 +338,12 @@ def test_a_bad_study_ends_in_one_exact_line(load, folder, old, new, message):
         (FIXED + "[swarm]\nseed = 1" + "0" * 400, "0000... must be at most 9223372036854775807"),
         (FIXED + "[sensor.x]\n", "[sensor.x] 'hfov_deg' is missing"),
         (
-            FIXED.replace("d415", "d-415"),
-            "sensor = 'd-415' is unknown; did you mean 'd415'?; known",
+            FIXED.replace("d415-buonamici", "d415-buonamicci"),
+            "sensor = 'd415-buonamicci' is unknown; did you mean 'd415-buonamici'?; 'gl",
         ),
         (
-            FIXED.replace("d415", "d435"),
-            "sensor = 'd435' is unknown; known are d415, kinect-v2; any",
+            FIXED.replace("d415-buonamici", "d514"),
+            "[[mount]] 'A' sensor = 'd514' is unknown; 'glvis sensors' lists the catalogue",
         ),
     ],
 )
@@ -473,13 +474,13 @@ def test_overrides_reach_the_types(load):
 
 
 def test_an_override_opens_a_table_that_the_file_leaves_out(load):
-    study = load(FIXED, "swarm.particles=12", "sensor.d415.max_distance=400", "title=t")
+    study = load(FIXED, "swarm.particles=12", "sensor.d415-buonamici.max_distance=400", "title=t")
     assert study.swarm.particles == 12
     (sensor,) = study.sensors
     assert (sensor.min_distance, sensor.max_distance) == (160, 400)
     tables = tomllib.loads(study.text)
     assert tables["title"] == "t" and tables["swarm"] == {"particles": 12}
-    assert tables["sensor"]["d415"]["hfov_deg"] == 66.4
+    assert tables["sensor"]["d415-buonamici"]["hfov_deg"] == 66.4
 
 
 @pytest.mark.parametrize(
@@ -498,7 +499,7 @@ def test_an_override_opens_a_table_that_the_file_leaves_out(load):
         ("swarm=3", "swarm = 3 must be a table"),
         (
             "sensor.d514.max_distance=4",
-            "override 'sensor.d514.max_distance=4' is unknown: there is no sensor 'd514'",
+            "override 'sensor.d514.max_distance=4' leads nowhere: sensor 'd514' is unknown; 'gl",
         ),
         ("sensor.kinect-v2.max=1", "[sensor.kinect-v2] unknown key 'max'; known are hfov_deg, "),
         ("mount.*=3", "override 'mount.*=3' has a '*' that stands for no mounts; it is for mou"),
@@ -571,21 +572,23 @@ max_distance = 900
 [visibility]
 min_pixels = 2
 """
-    study = load(torn, "sensor.b.max_distance=800", "sensor.d415.max_distance=5000", "swarm.seed=4")
+    study = load(
+        torn, "sensor.b.max_distance=800", "sensor.d415-buonamici.max_distance=5000", "swarm.seed=4"
+    )
     tables = tomllib.loads(study.text)
     assert tables["sensor"]["b"]["max_distance"] == 800
-    assert tables["sensor"]["d415"]["max_distance"] == 5000
+    assert tables["sensor"]["d415-buonamici"]["max_distance"] == 5000
     assert (tables["swarm"]["seed"], tables["visibility"]["min_pixels"]) == (4, 2)
 
 
 def test_a_study_that_cannot_be_edited_in_place_is_written_anew(load):
     table = "hfov_deg = 60, vfov_deg = 40, resolution = [64, 48], max_distance = 900"
     inline = f"sensor = {{ b = {{ {table} }} }}  # in one line\n" + FIXED
-    study = load(inline, "sensor.d415.max_distance=400")
+    study = load(inline, "sensor.d415-buonamici.max_distance=400")
     assert study.sensors[0].max_distance == 400
     tables = tomllib.loads(study.text)
     assert tables["sensor"]["b"]["max_distance"] == 900
-    assert tables["sensor"]["d415"]["max_distance"] == 400
+    assert tables["sensor"]["d415-buonamici"]["max_distance"] == 400
 
 
 def test_the_arm_study_reads_the_real_arms(load, shared_data):

@@ -55,19 +55,19 @@ def test_several_keys_are_a_grid_and_each_run_is_an_ordinary_study(planned, tmp_
 @pytest.mark.parametrize(
     ("text", "options"),
     [
-        ("", ["mount.*.sensor=eye,d415"]),
-        ("", ["mount.*.sensor=['eye', 'd415']"]),
-        ("[vary]\n'mount.*.sensor' = ['eye', 'd415']\n", []),
+        ("", ["mount.*.sensor=eye,kinect-v2"]),
+        ("", ["mount.*.sensor=['eye', 'kinect-v2']"]),
+        ("[vary]\n'mount.*.sensor' = ['eye', 'kinect-v2']\n", []),
     ],
 )
 def test_a_star_varies_every_mount(planned, tmp_path, text, options):
     plan = planned(text, *options)
     assert [point.label for point in plan.points] == [
-        "mount.*.sensor = 'eye'", "mount.*.sensor = 'd415'",
+        "mount.*.sensor = 'eye'", "mount.*.sensor = 'kinect-v2'",
     ]  # fmt: skip
-    eyes, d415s = studies(plan, tmp_path / "study.toml")
+    eyes, kinects = studies(plan, tmp_path / "study.toml")
     assert eyes.rig.sensor_kinds == ("eye",) * 3
-    assert d415s.rig.sensor_kinds == ("d415",) * 3
+    assert kinects.rig.sensor_kinds == ("kinect-v2",) * 3
 
 
 def test_repeats_have_the_seeds_that_follow_and_more_of_them_come_last(planned, tmp_path):

@@ -57,7 +57,7 @@ def arm_study(criterion: str, resolution: str = '"auto"'):
 
     arms = SHARED / "arms" if (SHARED / "arms").is_dir() else HERE / "scenes"
     mounts = "".join(
-        f'[[mount]]\nname = "{name}"\nsensor = "d415"\nposition = {list(place)}\n'
+        f'[[mount]]\nname = "{name}"\nsensor = "d415-buonamici"\nposition = {list(place)}\n'
         f"direction = {list(direction)}\nroll_deg = {roll}\n"
         for name, (place, direction, roll) in TABLE_8.items()
     )

@@ -16,6 +16,7 @@ import typer
 from glvis import __version__
 from glvis.cli.manual_commands import commands as commands_about_the_manual
 from glvis.cli.result_commands import commands as commands_about_results
+from glvis.cli.sensor_commands import commands as commands_about_sensors
 from glvis.cli.streams import ended_as_by_ctrl_c, patient_streams
 from glvis.cli.study_commands import commands as commands_about_studies
 from glvis.errors import MachineError, StudyError
@@ -142,6 +143,7 @@ def _glvis(
 
 app.add_typer(commands_about_studies)
 app.add_typer(commands_about_results)
+app.add_typer(commands_about_sensors)
 app.add_typer(commands_about_the_manual)
 
 

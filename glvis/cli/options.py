@@ -20,8 +20,8 @@ Set = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="A value in place of the study's, such as swarm.particles=100 or "
-        "mount.A1.roll_deg=0; mount.*.sensor=d415 changes all, mounts=3 keeps the first three. "
-        "May be given many times.",
+        "mount.A1.roll_deg=0; mount.*.sensor=kinect-v2 changes all, mounts=3 keeps the first "
+        "three. May be given many times.",
     ),
 ]
 Overwrite = Annotated[

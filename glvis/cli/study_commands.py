@@ -52,7 +52,7 @@ def init(
     ] = None,
     sensors: Annotated[int | None, typer.Option(min=1, max=64, help="How many.")] = None,
     sensor: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of the catalogue: d415 or kinect-v2.")
+        str | None, typer.Option(metavar="NAME", help="Of the catalogue: see 'glvis sensors'.")
     ] = None,
     up: Annotated[
         str | None,

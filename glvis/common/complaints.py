@@ -76,7 +76,7 @@ def first_error(error: ValidationError, data: Mapping[str, Any]) -> str:
 
 
 def located(loc: tuple[str | int, ...], data: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the header, as "[sensor.d415] ", and the key, as "resolution[0]", of a place."""
+    """Return the header, as "[sensor.eye] ", and the key, as "resolution[0]", of a place."""
     path = [part for part in loc if not str(part).startswith("<")]
     header = ""
     top = data.get(str(path[0])) if path else None

@@ -5,6 +5,7 @@ Sentences only; nothing here stops a run.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.problem.camera import rigid_inverse
+from glvis.problem.lens import Pinhole
 from glvis.problem.mounts import Array
 from glvis.problem.scene import Model
+from glvis.problem.sensor import Sensor
 from glvis.problem.study import Study
 from glvis.problem.units import (
     MM_PER_UNIT,
@@ -40,6 +43,7 @@ _MEND = (
 _MOST_NAMES = 3  # of models in a line
 _TRIES = 4  # positions at which sensors are held against each other, beside the start
 _SAME = 1e-6  # of a model's diagonal
+_SQUARE = 0.03  # by which fx and fy of one pinhole may differ: angles are rounded
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,36 @@ def study_warnings(study: Study) -> list[str]:
             )
         found += _told("distance", model, _distance(model, poses, study))
         found += _told("count", model, _counted(model, study))
-    return [*said_once(found), *_blind(poses, study), *_misplaced(poses, study)]
+    return [
+        *said_once(found),
+        *no_pinholes(study.sensors),
+        *_blind(poses, study),
+        *_misplaced(poses, study),
+    ]
+
+
+def no_pinholes(sensors: Sequence[Sensor]) -> list[str]:
+    """Return the sensors whose two opening angles are no one pinhole, a sentence each.
+
+    Pixels are square: the focal lengths that follow from the width and from the height agree, or
+    the angles are those of a distorted lens, of two fields that overlap, or mistyped.
+    """
+    lines = []
+    for sensor in dict.fromkeys(sensors):
+        if not isinstance(sensor.lens, Pinhole):
+            continue
+        fx, fy = sensor.focal_pixels()
+        if max(fx, fy) <= (1 + _SQUARE) * min(fx, fy):
+            continue
+        hfov, vfov = (f"{math.degrees(angle):.4g}" for angle in sensor.lens.opening)
+        width, height = sensor.resolution
+        square = math.degrees(2 * math.atan(height / (2 * fx)))
+        lines.append(
+            f"{sensor.name}: {hfov} x {vfov} deg are no one pinhole of {width} x {height} pixels: "
+            f"their focal lengths are {fx:.0f} and {fy:.0f} pixels, {hfov} deg go with "
+            f"{square:.4g}; give focal_px and the lens, or a calibration"
+        )
+    return lines
 
 
 def size_doubts(study: Study) -> list[str]:

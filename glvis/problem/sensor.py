@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import operator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glvis.problem.lens import Lens, Pinhole
-from glvis.problem.units import MM_PER_UNIT
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -266,43 +265,3 @@ class Sensor:
 def working_distance(sensor: Sensor) -> float:
     """Return the middle of a sensor's working range, the study's unit."""
     return (sensor.min_distance + sensor.max_distance) / 2
-
-
-# Sensors that a study may name without describing them; ranges in millimetres.
-CATALOGUE = {
-    sensor.name: sensor
-    for sensor in (
-        # Table 3, with the paper's conservative field of view and measured working range.
-        Sensor(
-            "d415",
-            Pinhole.from_degrees(66.4, 39.5),
-            (1280, 720),
-            160,
-            350,
-            math.radians(70),
-        ),
-        # Sec. 3.2 takes "literature parameters": depth camera 70.6 x 60 deg, 512 x 424, 0.5..4.5 m
-        # (Microsoft's data sheet); 80 deg is the incidence limit of the kitchen study.
-        Sensor(
-            "kinect-v2",
-            Pinhole.from_degrees(70.6, 60.0),
-            (512, 424),
-            500,
-            4500,
-            math.radians(80),
-        ),
-    )
-}
-
-
-def catalogue(unit: str) -> dict[str, Sensor]:
-    """Return the sensors that need no table, their ranges in a study's unit."""
-    factor = 1 / MM_PER_UNIT.get(unit, 1.0)
-    return {
-        name: replace(
-            sensor,
-            min_distance=sensor.min_distance * factor,
-            max_distance=sensor.max_distance * factor,
-        )
-        for name, sensor in CATALOGUE.items()
-    }

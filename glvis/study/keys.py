@@ -127,7 +127,8 @@ KEY_TABLES = (
         MountTable,
         {
             "name": "of the sensor, in tables and pictures",
-            "sensor": "which one: of a table [sensor.NAME], or d415 or kinect-v2",
+            "sensor": "which one: of a table [sensor.NAME], or of the catalogue that "
+            "'glvis sensors' lists",
             "position": "[NUMBER, NUMBER, NUMBER]; or ring",
             "ring": "a place on a circle; or position",
             "aim": "[NUMBER, NUMBER, NUMBER], the point it looks at; or direction",

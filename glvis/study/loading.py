@@ -17,13 +17,14 @@ from pydantic import ValidationError
 from glvis.common.complaints import first_error, shortened
 from glvis.common.files import MOST_TOML, in_one_line, read_text, toml_tables
 from glvis.errors import StudyError
+from glvis.problem.catalogue import catalogue, complaint
 from glvis.problem.expressions import nearest
 from glvis.problem.mounts import build_rig
 from glvis.problem.pieces import cut_models
 from glvis.problem.scene import SUFFIXES as MESH_SUFFIXES
 from glvis.problem.scene import Model, joined, load_model
 from glvis.problem.search_options import SearchOptions
-from glvis.problem.sensor import Sensor, catalogue
+from glvis.problem.sensor import Sensor
 from glvis.problem.study import Study
 from glvis.problem.swarm_options import SwarmOptions
 from glvis.problem.units import UPS, own_scale, own_up
@@ -162,18 +163,11 @@ def _sensors(table: StudyTable) -> dict[str, Sensor]:
             known[name] = own.to_sensor(name)
     for mount in table.mount:
         if mount.sensor not in known:
-            # with other digits it is another product: d415 is no slip of d435
-            like = [name for name in known if _digits(name) == _digits(mount.sensor)]
             raise StudyError(
-                f"[[mount]] '{shortened(mount.name)}' sensor = '{shortened(mount.sensor)}' is "
-                f"unknown{nearest(mount.sensor, like)}; known are {shortened(', '.join(known))}; "
-                "any other needs a table [sensor.NAME]"
+                f"[[mount]] '{shortened(mount.name)}' sensor = '{shortened(mount.sensor)}' "
+                f"{complaint(mount.sensor, table.sensor)}"
             )
     return known
-
-
-def _digits(name: str) -> str:
-    return "".join(filter(str.isdigit, name))
 
 
 def _check_pixels(

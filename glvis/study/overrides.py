@@ -19,8 +19,8 @@ from tomlkit.items import Array as TomlArray
 from glvis.common.complaints import shortened
 from glvis.common.files import toml_tables
 from glvis.errors import StudyError
+from glvis.problem.catalogue import catalogue, complaint
 from glvis.problem.expressions import nearest
-from glvis.problem.sensor import catalogue
 from glvis.study.schema import StudyTable, sensor_table
 
 # Values by the keys (and places in lists) that lead to them.
@@ -45,7 +45,7 @@ def overridden(data: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
     data : dict
         The file as TOML reads it; left as it is.
     overrides : sequence of str
-        "swarm.particles=100", "mount.A1.roll_deg.start=5", "sensor.d415.max_distance=400".
+        "swarm.particles=100", "mount.A1.roll_deg.start=5", "sensor.eye.max_distance=400".
         Mounts go by their name, all of them by "mount.*.sensor". Values are TOML, or else text
         as it stands. "mounts=3" keeps the first three mounts, and drops the variables that only
         the others used.
@@ -216,11 +216,12 @@ def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -
     unit = data.get("unit", "mm")
     known = catalogue(unit) if isinstance(unit, str) else {}
     if parts[1] not in known:
-        names = ", ".join([*sensors, *(name for name in known if name not in sensors)])
-        raise StudyError(
-            f"is unknown: there is no sensor '{shortened(parts[1])}'; there are {shortened(names)}"
-        )
-    sensors[parts[1]] = sensor_table(known[parts[1]])
+        name = shortened(parts[1])
+        raise StudyError(f"leads nowhere: sensor '{name}' {complaint(parts[1], sensors)}")
+    sensor = known[parts[1]]
+    # what hfov_deg and vfov_deg cannot say stays in the catalogue
+    is_plain = sensor.is_ideal and not sensor.noise and not sensor.emits
+    sensors[parts[1]] = sensor_table(sensor) if is_plain else {"from": parts[1]}
     changes["sensor", parts[1]] = dict(sensors[parts[1]])
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from glvis.common.hints import command
 from glvis.errors import MachineError, StudyError
+from glvis.problem.catalogue import find_sensor
 from glvis.problem.units import MM_PER_UNIT, UPS
 from glvis.study.json_schema import DIRECTIVE, SCHEMA_FILE, schema_text
 from glvis.study.meshpaths import mesh_paths
-from glvis.study.starter_layout import KNOWN_SENSORS, PLACES, short
+from glvis.study.starter_layout import PLACES, short
 from glvis.study.starter_meshes import ROOM, arm, room, write_stl
 from glvis.study.starter_study import ALL_GUESSED, Choices, study_of_meshes
 from glvis.study.starter_texts import (
@@ -65,7 +66,7 @@ def write_starter(
     _check_choice("--example", example, EXAMPLES)
     _check_choice("--unit", choices.unit, tuple(MM_PER_UNIT))
     _check_choice("--up", choices.up, tuple(UPS))
-    _check_choice("--sensor", choices.sensor, KNOWN_SENSORS)
+    _check_sensor(choices.sensor)
     _check_choice("place", choices.place, PLACES)
     if not models:
         _check_example(example or "arm", choices)
@@ -106,6 +107,15 @@ def next_commands(study: Path) -> list[str]:
 def _check_choice(option: str, value: str | None, allowed: Sequence[str]) -> None:
     if value is not None and value not in allowed:
         raise StudyError(f"{option} {value}: must be one of {', '.join(allowed)}")
+
+
+def _check_sensor(name: str | None) -> None:
+    """Refuse what the catalogue does not have, or not whole."""
+    try:
+        if name is not None:
+            find_sensor(name, "mm")
+    except ValueError as error:
+        raise StudyError(f"--sensor: {error}") from None
 
 
 def _check_example(name: str, choices: Choices) -> None:

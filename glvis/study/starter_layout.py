@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.problem.catalogue import find_sensor
 from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
-from glvis.problem.sensor import CATALOGUE, Sensor, catalogue
+from glvis.problem.sensor import Sensor
 from glvis.problem.units import MM_PER_UNIT, short, trimmed
 from glvis.problem.winding import looks_inwards, winding_numbers
 from glvis.study.starter_texts import BOX_MOUNT_TEXT, RING_MOUNT_TEXT
@@ -22,9 +23,10 @@ from glvis.study.starter_texts import BOX_MOUNT_TEXT, RING_MOUNT_TEXT
 Floats = NDArray[np.float64]
 
 PLACES = ("around", "above", "room")
-KNOWN_SENSORS = tuple(CATALOGUE)
+GUESSED_SENSORS = ("d415-buonamici", "kinect-v2")  # which ones init takes unasked
 _ELEVATION = math.radians(30)  # of the sensors about a part, above and below in turns
-_OWN_FOV = (60.0, 45.0)  # of a sensor made to measure, degrees
+# Of a sensor made to measure: degrees, and the pixels by which it is one pinhole.
+_OWN_FOV, _OWN_PIXELS = (60.0, 46.826), (1280, 960)
 _SMALLEST = 0.15  # radius of a part for a known sensor, of its maxD
 _FLAT = 0.35  # height of a part, of its width, below which it is looked at from above or below
 _ONE_SIDED = 0.5  # of a part's area that looks one way on balance: a sheet without a back
@@ -84,14 +86,12 @@ def fitting_sensor(radius: float, unit: str, name: str | None = None) -> Fit:
     name : str, optional
         Which one of the catalogue, whether it has the whole part in view or not.
     """
-    for sensor in catalogue(unit).values():
+    for sensor in [find_sensor(one, unit) for one in ([name] if name else GUESSED_SENSORS)]:
         half = min(sensor.lens.opening) / 2
         distance = max(sensor.min_distance + radius, radius / math.sin(half))
         # Heights may take a sensor a fifth farther away; and a small part would be few pixels.
         fits = 1.2 * distance + radius <= sensor.max_distance
-        if sensor.name == name:
-            return Fit(sensor, distance, True)
-        if name is None and fits and radius >= _SMALLEST * sensor.max_distance:
+        if name or (fits and radius >= _SMALLEST * sensor.max_distance):
             return Fit(sensor, distance, True)
     distance = radius / math.sin(math.radians(min(_OWN_FOV)) / 2)
     return Fit(_made_to_measure(0.3 * distance, 1.8 * distance), distance, False)
@@ -103,14 +103,13 @@ def sensor_for_room(size: float, unit: str, name: str | None = None) -> Fit:
         name = _ROOM_SENSOR
     if name is None:
         return Fit(_made_to_measure(0.03 * size, 0.75 * size), size / 2, False)
-    return Fit(catalogue(unit)[name], size / 2, True)
+    return Fit(find_sensor(name, unit), size / 2, True)
 
 
 def _made_to_measure(nearest: float, farthest: float) -> Sensor:
     low, high = float(short(nearest)), float(short(farthest))
-    return Sensor(
-        "camera", Pinhole.from_degrees(*_OWN_FOV), (1280, 960), low, high, math.radians(70)
-    )
+    lens = Pinhole.from_degrees(*_OWN_FOV)
+    return Sensor("camera", lens, _OWN_PIXELS, low, high, math.radians(70))
 
 
 def part_mounts(model: Model, fit: Fit, sensors: int, up: str, place: str) -> list[str]:

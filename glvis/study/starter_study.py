@@ -25,7 +25,7 @@ from glvis.problem.units import (
 )
 from glvis.problem.winding import looks_inwards
 from glvis.study.starter_layout import (
-    KNOWN_SENSORS,
+    GUESSED_SENSORS,
     PLACES,
     Fit,
     fitting_sensor,
@@ -209,10 +209,10 @@ def _remarks(place: str, is_guessed: bool, fit: Fit, unit: str) -> Iterator[str]
         yield f"Taken for {_TAKEN_FOR[place]} (or: {others})"
     sensor = fit.sensor
     name = sensor.name if fit.is_known else "made to measure"
-    others = ", ".join(f"--sensor {other}" for other in KNOWN_SENSORS if other != sensor.name)
+    others = ", ".join(f"--sensor {other}" for other in GUESSED_SENSORS if other != sensor.name)
     yield (
         f"Sensor: {name}, {short(sensor.min_distance)} to {short(sensor.max_distance)} {unit} "
-        f"(or: {others}, or yours in the study)"
+        f"(or: {others}, others by 'glvis sensors', or yours in the study)"
     )
 
 
@@ -233,13 +233,15 @@ def _several_text(n: int, is_one: bool) -> str:
 def _sensor_text(fit: Fit, unit: str) -> str:
     """Return the table of a sensor made to measure, or a remark about a known one."""
     sensor = fit.sensor
-    hfov, vfov = (f"{math.degrees(value):.6g}" for value in sensor.lens.opening)
+    digits = 4 if fit.is_known else 5
+    hfov, vfov = (f"{math.degrees(value):.{digits}g}" for value in sensor.lens.opening)
     if fit.is_known:
         return (
             f'# The mounts below name "{sensor.name}", which glvis knows: {hfov} x {vfov} deg,\n'
-            f"# {short(sensor.min_distance)} to {short(sensor.max_distance)} {unit}. Your own "
-            "sensor goes into a table [sensor.NAME] with hfov_deg,\n"
-            "# vfov_deg, resolution, min_distance, max_distance and max_incidence_deg.\n"
+            f"# {short(sensor.min_distance)} to {short(sensor.max_distance)} {unit}; 'glvis "
+            f"sensors {sensor.name}' says more. Your own sensor goes into\n"
+            "# a table [sensor.NAME] with hfov_deg, vfov_deg, resolution, min_distance, "
+            "max_distance and\n# max_incidence_deg.\n"
         )
     return (
         "[sensor.camera]                # made to measure: put the data of yours here\n"

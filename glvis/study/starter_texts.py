@@ -141,7 +141,7 @@ up = [0, 1, 0]                 # what an image without roll shows upright
 models = ["arm.stl"]           # along z; several arms are looked at one by one
 # obstacles = ["holder.stl"]   # hide what lies behind them, are never counted
 
-# The mounts below name "d415", which glvis knows: 66.4 x 39.5 deg, 160 to 350 mm.
+# The mounts below name "d415-buonamici", which glvis knows: 66.4 x 39.5 deg, 160 to 350 mm.
 
 # A number stands for itself; {{ min, max, start }} is free for the search, within its bounds. A
 # name of [variables] may stand wherever a number may, also in "180 - 2*alpha".
@@ -160,7 +160,7 @@ beta2 = {{ min = 5, max = 85, start = 45 }}
         f"""\
 [[mount]]
 name = "{name}{ring}"
-sensor = "d415"
+sensor = "d415-buonamici"
 ring = {{ axis = "z", radius = 300, angle_deg = "{angle}{ring}", height = "z{ring}" }}
 aim = [0, 0, {{ min = {low}, max = {high}, start = {start} }}]
 mirror = {{ plane = "yz", name = "{twin}{ring}" }}

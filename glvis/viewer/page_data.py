@@ -55,7 +55,7 @@ class PageSensor:
     Attributes
     ----------
     name, kind : str
-        Of this one ("A1"), and what it is ("d415").
+        Of this one ("A1"), and what it is ("kinect-v2").
     camera_to_world : (4, 4) float
         Pose; x right, y up, looking along -z.
     tan_half : (2,) float

@@ -17,7 +17,7 @@ max_edge = "off"
 
 [sensor.eye]
 hfov_deg = 60
-vfov_deg = 40
+vfov_deg = 42
 resolution = [96, 64]
 max_distance = 12
 
