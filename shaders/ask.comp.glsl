@@ -15,7 +15,8 @@
 // Else it is each face's own centre of mass.
 // LENS is defined where the sensor's image is not the window, or its range not depth; WINDOWS where a
 // view has several, which all have their say about the same records. PARTNER is defined for a second
-// viewpoint: asked are the points that the first one sees, and those that pass are looked up again.
+// viewpoint: asked are the points that the first one sees, and those that pass are looked up again;
+// faces that show it no point are marked as large no more.
 layout(local_size_x = 64) in;
 #include "view.glsl"
 #include "filters.glsl"
@@ -50,36 +51,43 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own, float edge
     vec3 back = eye.xyz - point;
     float towards = dot(normal, back);
     bool faces = crop_back(towards) && crop_norm_by_axis(dot(normal, backwards.xyz), backwards.w);
+    float far_off = place.z;
+    bool in_window = crop_fov(at, vec2(size), place.z, place.z);
 #ifdef LENS
     vec3 direction = -vec3(dot(back, right.xyz), dot(back, up.xyz), -dot(back, backwards.xyz));
-    float far_off = measured(direction);
-    bool in_window = place.z > 0.0 && crop_fov(at, vec2(size), place.z, place.z);
-    bool is_inside = in_image(direction) && crop_far(far_off, working_range.y);
-#else
-    float far_off = place.z;
-    bool in_window = crop_fov(at, vec2(size), place.z, working_range.y), is_inside = in_window;
+    far_off = measured(direction);
+    in_window = in_window && place.z > 0.0;
 #endif
-    bool passes = crop_near(far_off, working_range.x) && faces && is_inside
-        && crop_norm_by_ray(towards, dot(back, back), min_ray_cos);
-#ifdef PARTNER
-    uint known = free[record];
-    if (!wanted || (known & ~LARGE) == 0u) return;
-    if (!passes) free[record] = known & LARGE;
-    else if (in_window) look_up(place, record, known & LARGE);
-#else
+    bool passes = crop_near(far_off, working_range.x) && crop_far(far_off, working_range.y)
+        && faces && crop_norm_by_ray(towards, dot(back, back), min_ray_cos);
+#if !(defined(PARTNER) && defined(WINDOWS))
     passes = passes && in_window;
+#endif
+#ifdef LENS
+    if (passes) passes = in_image(direction);
+#endif
+    // whether another point of the face may pass; with WINDOWS in whatever window, for all of them
+    // must say the same
     bool in_range = abs(far_off - clamp(far_off, working_range.x, working_range.y)) <= edge;
-    bool may_face = faces && towards >= (1.0 - SLACK) * min_ray_cos * (length(back) - edge);
-#ifdef WINDOWS
-    // whatever window it shows in: all of them must say the same
-    bool is_large = edge * span >= max(length(back) - edge, near) && in_range && may_face;
-#else
+    bool may_pass = faces && in_range
+        && towards >= (1.0 - SLACK) * min_ray_cos * (length(back) - edge);
+    float nearest = length(back) - edge;
+#ifndef WINDOWS
     mat3 to_grid = transpose(mat3(world_to_grid));
     vec2 scale = vec2(length(to_grid[0]), length(to_grid[1])), half_size = 0.5 * vec2(size);
     vec2 reach = half_size * place.z + edge * (scale + half_size);
-    bool may_reach = all(lessThanEqual(abs(place.xy), (1.0 + SLACK) * reach));
-    bool is_large = edge * span >= max(place.z - edge, near) && may_reach && in_range && may_face;
+    may_pass = may_pass && all(lessThanEqual(abs(place.xy), (1.0 + SLACK) * reach));
+    nearest = place.z - edge;
 #endif
+#ifdef PARTNER
+    uint known = free[record];
+    if (!wanted || known == 0u) return;
+    uint mark = may_pass ? known & LARGE : 0u;
+    bool was_free = (known & ~LARGE) != 0u;
+    free[record] = was_free && passes ? known & ~LARGE | mark : mark;
+    if (was_free && passes && in_window) look_up(place, record, mark);
+#else
+    bool is_large = edge * span >= max(nearest, near) && may_pass;
     uint mark = is_large ? LARGE : 0u;
     if (wanted && (passes || is_large)) {
         uint found = (passes ? own + 1u : 0u) | mark;

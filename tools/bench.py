@@ -6,8 +6,8 @@ rays. Both sides take turns within the same minutes, and what is printed are med
 of neighbours in time, because the machines this runs on are shared.
 
     tools/bench.py                  # all of it, about nine minutes on two cores
-    tools/bench.py --only arms      # one part of: arms, kitchen, room, split, sweep, move, sizes,
-                                 # processes, workers, memory
+    tools/bench.py --only arms      # one part of: arms, kitchen, room, lenses, split, sweep, move,
+                                 # sizes, processes, workers, memory
     tools/bench.py -o out/bench     # where bench.json and bench.png go
 
 It needs the ``bench`` extra (embreex). Real arms are read from ``../shared/data`` where that
@@ -52,7 +52,7 @@ from measuring import (
 )
 
 PARTS = (
-    *("arms", "kitchen", "room", "split", "sweep", "move", "sizes"),
+    *("arms", "kitchen", "room", "lenses", "split", "sweep", "move", "sizes"),
     *("processes", "workers", "memory"),
 )
 
@@ -216,6 +216,58 @@ def bench_room(repeats: int) -> dict:
             }
         )
     return {"rows": rows}
+
+
+def bench_lenses(repeats: int) -> dict:
+    """Time maps of other lenses and of two viewpoints, beside a pinhole's from the same poses."""
+    from dataclasses import replace
+
+    from glvis.problem.calibrated_lens import FisheyeLens, OpenCVLens
+    from glvis.problem.lens import SphericalLens
+    from glvis.problem.sensor import Partner
+    from glvis.visibility.maps import LocalMaps, MapJob, MapScene
+
+    study = arm_study("pixels")
+    poses = study.rig.poses(np.zeros((1, 0)))[0]
+    pinhole = study.sensors[0]
+    width, height = pinhole.resolution
+    tan_x = float(pinhole.lens.tan_half[0])
+    k1 = -0.1  # barrel; the focal length is such that the field across is that of the pinhole
+    focal = width / 2 / (tan_x * (1 + k1 * tan_x**2))
+    middle = (width - 1) / 2, (height - 1) / 2
+    half_turn = width / np.pi
+    sensors = {
+        "pinhole": pinhole,
+        "opencv": replace(
+            pinhole, lens=OpenCVLens((width, height), (focal, focal), middle, (k1, 0, 0, 0))
+        ),
+        "fisheye, 180 deg": replace(
+            pinhole,
+            lens=FisheyeLens((width, width), (half_turn, half_turn), (middle[0],) * 2, ()),
+            distance="range",
+        ),
+        "spherical, 360 x 30 deg": replace(
+            pinhole,
+            lens=SphericalLens(2 * np.pi, (-np.pi / 12, np.pi / 12)),
+            distance="range",
+        ),
+        "pair, 55 mm apart": replace(pinhole, partner=Partner((55.0, 0.0, 0.0), pinhole.lens)),
+    }
+    rows = []
+    for criterion in ("pixels", "centroid"):
+        options = replace(study.visibility, criterion=criterion)
+        maps = LocalMaps(MapScene(study.models, (), tuple(sensors.values()), options))
+        jobs = {name: MapJob(number, poses) for number, name in enumerate(sensors)}
+        ways = {
+            name: lambda job=job, maps=maps: list(maps.make([job])) for name, job in jobs.items()
+        }
+        for row in against(taking_turns(ways, repeats), "pinhole"):
+            (bits,) = maps.make([jobs[row["way"]]])
+            rows.append(
+                {"criterion": criterion, **row, "faces_seen": int(np.unpackbits(bits).sum())}
+            )
+        maps.release()
+    return {"models": "six arms", "maps": len(poses) * len(study.models), "times": rows}
 
 
 def bench_split(repeats: int) -> dict:
