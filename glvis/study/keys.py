@@ -106,7 +106,7 @@ KEY_TABLES = (
         "A camera or depth sensor, once for all mounts that name it.",
         SensorTable,
         {
-            "from": "an entry of the catalogue, all of whose keys it has; those beside it override",
+            "from": "an entry of the catalogue, whose keys it has; those beside it go before them",
             "calibration": "file of OpenCV, ROS (camera_info) or kalibr, beside the study: its "
             'lens and resolution; "chain.yaml#cam1" is the second camera of a chain',
             **_LENS_MEANINGS,
@@ -127,8 +127,8 @@ KEY_TABLES = (
     ),
     KeyTable(
         "partner",
-        "In [sensor.NAME]: partner = { offset, turn_deg, role }; it has the sensor's own lens, or "
-        "that of the keys of a lens here.",
+        "In [sensor.NAME]: partner = { offset, turn_deg, role }, with the sensor's lens, or with keys "
+        "of a lens of its own.",
         PartnerTable,
         {
             "offset": "[right, up, back]: its optical centre in the camera frame of the sensor",

@@ -81,7 +81,8 @@ class LensTable(Table):
         return self._from_pixels(size)
 
     def _missing(self, key: str) -> ValueError:
-        return ValueError(f"'{key}' is missing, lens = '{self.lens}' needs it")
+        who = "" if self.lens == "pinhole" else f", lens = '{self.lens}' needs it"
+        return ValueError(f"'{key}' is missing{who}")
 
     def _from_angles(self, size: tuple[int, int]) -> Lens:
         """Return the pinhole of opening angles."""
