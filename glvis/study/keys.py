@@ -127,8 +127,8 @@ KEY_TABLES = (
     ),
     KeyTable(
         "partner",
-        "In [sensor.NAME]: partner = { offset, turn_deg, role }, with the sensor's lens, or with keys "
-        "of a lens of its own.",
+        "In [sensor.NAME]: partner = { offset, turn_deg, role }, with the sensor's lens, or with "
+        "keys of a lens of its own.",
         PartnerTable,
         {
             "offset": "[right, up, back]: its optical centre in the camera frame of the sensor",
