@@ -24,7 +24,8 @@ from glvis.problem.expressions import nearest
 from glvis.problem.lens import Lens
 from glvis.study.lens_table import lens_without_distortion, refuse_blind
 
-_MOST = 1_000_000  # bytes; OpenCV's sample adds the points of all pictures, about 100 kB
+_MOST = 1_000_000  # bytes; OpenCV's sample adds the points of all its pictures, some 100 kB
+_MOST_VALUES = 50_000  # and these are some 10,000; a second or two
 # What the keys are called: OpenCV's samples, ROS and its messages in two generations.
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "intrinsic_matrix", "K", "k", "M")
 _DISTORTION = (
@@ -108,7 +109,7 @@ def _text(path: Path) -> str:
 class _Loader(yaml.BaseLoader):
     """Reads scalars as texts, tagged or not; no aliases, by which a small file becomes endless."""
 
-    depth = 0
+    depth = count = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """Return the next node, unless it is an alias or too deep."""
@@ -116,6 +117,9 @@ class _Loader(yaml.BaseLoader):
             raise ValueError(f"has an alias, *{self.peek_event().anchor}; write out what it means")
         if self.depth > DEEPEST:
             raise RecursionError
+        self.count += 1
+        if self.count > _MOST_VALUES:
+            raise ValueError(f"is no calibration: it has more than {_MOST_VALUES:,} values")
         self.depth += 1
         node = super().compose_node(parent, index)
         self.depth -= 1
@@ -128,7 +132,8 @@ def _parsed(text: str) -> dict[str, Any]:
         if text.lstrip().startswith("<"):
             found = _from_xml(text)
         else:
-            found = yaml.load(_YAML_VERSION.sub("", text), _Loader)
+            loader = _Loader(_YAML_VERSION.sub("", text))
+            found = loader.get_data() if loader.check_data() else None  # the first, if several
     except (yaml.YAMLError, etree.XMLSyntaxError) as error:
         fact = getattr(error, "problem", None) or str(error).splitlines()[0]
         mark = getattr(error, "problem_mark", None)
@@ -285,10 +290,11 @@ def _whole(key: str, number: float) -> int:
 
 
 def _coefficients(table: Mapping[str, Any], key: str, counts: Sequence[int]) -> list[float]:
-    """Return the coefficients of a distortion; OpenCV pads what it did not fit with zeros."""
-    found = [] if key not in table and max(counts) == 0 else _numbers(table, key, None)
-    if len(found) > max(counts) and not any(found[max(counts) :]):
-        found = found[: max(counts)]
+    """Return the coefficients of a distortion, [] where there is none."""
+    most = max(counts)
+    found = [] if key not in table and not most else _numbers(table, key, None)
+    if most > 4 and not any(found[most:]):  # OpenCV pads what it did not fit with zeros
+        found = found[:most]
     if not any(found):
         return []
     if len(found) not in counts:
