@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.evaluation.lens_checks import lens_warnings
 from glvis.problem.camera import rigid_inverse
 from glvis.problem.mounts import Array
 from glvis.problem.scene import Model
@@ -73,7 +74,8 @@ def study_warnings(study: Study) -> list[str]:
             )
         found += _told("distance", model, _distance(model, poses, study))
         found += _told("count", model, _counted(model, study))
-    return [*said_once(found), *_blind(poses, study), *_misplaced(poses, study)]
+    found_elsewhere = [*lens_warnings(study), *_blind(poses, study), *_misplaced(poses, study)]
+    return [*said_once(found), *found_elsewhere]
 
 
 def size_doubts(study: Study) -> list[str]:
