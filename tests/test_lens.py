@@ -119,6 +119,7 @@ IDEAL: dict[str, Lens] = {
     "all around": SphericalLens(2 * math.pi, (-math.pi / 2, math.pi / 2)),
     "cone of a pinhole": opencv((640, 480), 300, (), max_angle=math.radians(40)),
     "cone of Azure Kinect": azure("Azure Kinect A", max_angle=math.radians(60)),
+    "fisheye whose corners are just behind": fisheye(HD, 479.6),
     "round fisheye": fisheye((1000, 1000), 300, max_angle=math.radians(85)),
 }
 LENSES = BENT | IDEAL
@@ -300,6 +301,16 @@ def test_windows_hold_every_direction_of_the_image(name):
         is_held |= (np.abs(right) <= -tan_x * back) & (np.abs(up) <= -tan_y * back)
     assert is_held.all()
     assert np.degrees(np.arctan(windows.tan_half)).max() <= 75.1 or name == "all around"
+
+
+def test_an_image_between_the_samples_of_a_window_has_one():
+    far = opencv((100, 100), 5000, (), (60_000.0, 200.0))  # 1.1 degrees, 85 from the axis
+    directions = far.directions(*np.random.default_rng(0).uniform(0, 1, (2, 99)))
+    right, up, back = np.einsum(
+        "kab,an->bkn", far.windows.window_to_camera, directions * [[1], [1], [-1]]
+    )
+    tan_x, tan_y = far.windows.tan_half
+    assert ((np.abs(right) <= -tan_x * back) & (np.abs(up) <= -tan_y * back)).any(axis=0).all()
 
 
 def test_a_lens_has_few_windows():
