@@ -6,6 +6,7 @@ import os
 import cv2
 import numpy as np
 import pytest
+from support.damage import damaged_bytes, damaged_text
 from support.two_cubes import SMALL, write_two_cubes
 
 from glvis.cli.app import main
@@ -399,3 +400,24 @@ def test_a_study_reads_a_calibration_with_fewer_pixels_and_within_a_cone(tmp_pat
     assert sensor.resolution == sensor.lens.size == (320, 240)
     assert sensor.lens.focal == pytest.approx(whole.focal)
     assert sensor.lens.max_angle == math.radians(30)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_damaged_files_are_read_or_are_one_line(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    whole = tmp_path / f"cam.{['yml', 'xml', 'json'][seed % 3]}"
+    if seed % 2:
+        write_opencv(whole, **SAMPLE)
+    else:
+        whole.write_text(ROS if seed % 4 else KALIBR)
+    damage = damaged_text if rng.random() < 0.5 else damaged_bytes
+    whole.write_bytes(damage(whole.read_bytes(), rng))
+    try:
+        size, lens = read_calibration(whole)
+    except ValueError as error:
+        assert str(error).startswith(f"{whole}: ")
+        assert "\n" not in str(error)
+        assert len(str(error)) < 500
+    else:
+        assert lens.windows.tan_half.all()
+        assert min(size) >= 1
