@@ -16,6 +16,7 @@ from glvis.cli.manual import read_pages
 from glvis.study.keys import KEY_TABLES
 from glvis.study.lengths import with_plain_lengths
 from glvis.study.schema import StudyTable
+from glvis.study.sensor_table import SensorTable
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {page.name: page for page in read_pages()}
@@ -121,7 +122,15 @@ def blocks(kind: str) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(("name", "text"), blocks("toml"))
 def test_studies_that_are_shown_can_be_read(name, text):
-    StudyTable.model_validate(with_plain_lengths(tomllib.loads(text)))
+    data = with_plain_lengths(tomllib.loads(text))
+    if "scene" in data:
+        StudyTable.model_validate(data)
+        return
+    assert name == "sensors.md"  # whose examples are of sensors alone
+    for sensor, table in data["sensor"].items():
+        checked = SensorTable.model_validate(table)
+        if not checked.is_of_elsewhere:
+            assert checked.to_sensor(sensor).name == sensor
 
 
 @pytest.mark.parametrize(("name", "text"), blocks("sh"))
@@ -155,6 +164,11 @@ MOUNT = {"name": '"A"', "sensor": '"kinect-v2"', "position": "[0, 0, 0]", "aim":
 RING = {"axis": '"z"', "radius": "1", "angle_deg": "0", "height": "0"}
 ANGLES = {"azimuth_deg": "0", "elevation_deg": "0"}
 MIRROR = {"name": '"B"', "normal": "[1, 0, 0]"}
+IN_SENSOR = {
+    "partner": {"offset": "[1, 0, 0]"},
+    "noise": {},
+    "focus": {"focal_length": "1", "f_number": "1", "distance": "2", "pixel_pitch": "1"},
+}
 FREE = {"min": "-1000", "max": "1000"}
 RIVALS = {"position": "ring", "ring": "position", "aim": "direction", "direction": "aim"}
 RIVALS |= {"plane": "normal", "normal": "plane"}
@@ -189,6 +203,9 @@ def study_with(table: str, key: str, example: str) -> str:
         return f"{SCENE}{mount}[variables]\nheight = {example}\n"
     if table == "[[mount]]":
         return f"{SCENE}[[mount]]\n{lines(with_example(MOUNT, key, example))}{variables}"
+    if table in IN_SENSOR:
+        value = inline(with_example(IN_SENSOR[table], key, example))
+        return f"{whole}[sensor.camera]\n{lines(with_example(SENSOR, table, value))}"
     within = {"ring": RING, "direction": ANGLES, "mirror": MIRROR}
     if table in within:
         value = inline(with_example(within[table], key, example))

@@ -336,7 +336,7 @@ def test_a_bad_study_ends_in_one_exact_line(load, folder, old, new, message):
             "must be at most 10000",
         ),
         (FIXED + "[swarm]\nseed = 1" + "0" * 400, "0000... must be at most 9223372036854775807"),
-        (FIXED + "[sensor.x]\n", "[sensor.x] 'hfov_deg' is missing"),
+        (FIXED + "[sensor.x]\n", "[sensor.x] 'resolution' is missing"),
         (
             FIXED.replace("d415-buonamici", "d415-buonamicci"),
             "sensor = 'd415-buonamicci' is unknown; did you mean 'd415-buonamici'?; 'gl",
@@ -501,7 +501,10 @@ def test_an_override_opens_a_table_that_the_file_leaves_out(load):
             "sensor.d514.max_distance=4",
             "override 'sensor.d514.max_distance=4' leads nowhere: sensor 'd514' is unknown; 'gl",
         ),
-        ("sensor.kinect-v2.max=1", "[sensor.kinect-v2] unknown key 'max'; known are hfov_deg, "),
+        (
+            "sensor.kinect-v2.max=1",
+            "[sensor.kinect-v2] unknown key 'max'; known are lens, hfov_deg, ",
+        ),
         ("mount.*=3", "override 'mount.*=3' has a '*' that stands for no mounts; it is for mou"),
         ("swarm.*=3", "override 'swarm.*=3' has a '*' that stands for no mounts; it is for mou"),
         (

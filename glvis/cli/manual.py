@@ -10,7 +10,10 @@ from glvis.problem.expressions import nearest
 
 _FOLDER = Path(__file__).resolve().parents[1] / "docs"
 # From what a user needs first to what few need; a page that is missing here comes last.
-_ORDER = ("study", "results", "visibility", "search", "python", "paper", "benchmarks", "cluster")
+_ORDER = (
+    "study", "sensors", "results", "visibility", "search", "python", "paper", "benchmarks",
+    "cluster",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,18 @@ Positive = Annotated[
 ]
 _AT_LEAST = within(f"be at least {_SMALLEST:g}", lambda v: v >= _SMALLEST)
 Opening = Annotated[float, within("lie in (0, 180)", lambda v: 0 < v < 180), _AT_LEAST]
+# A lens in pixels: beyond these no image of LARGEST_IMAGE has a field of view, or sees its axis.
+_LONGEST_FOCUS, _FARTHEST_CENTRE, _MOST_BENT = 1e9, 1e6, 1e6
+Focal = Annotated[
+    float, within(f"lie in [0.001, {_LONGEST_FOCUS:g}]", lambda v: 1e-3 <= v <= _LONGEST_FOCUS)
+]
+Centre = Annotated[
+    float,
+    within(f"be at most {_FARTHEST_CENTRE:g} in size", lambda v: abs(v) <= _FARTHEST_CENTRE),
+]
+Coefficient = Annotated[
+    float, within(f"be at most {_MOST_BENT:g} in size", lambda v: abs(v) <= _MOST_BENT)
+]
 Incidence = Annotated[float, within("lie in (0, 90]", lambda v: 0 < v <= 90), _AT_LEAST]
 Weight = Annotated[
     float, within(f"be at most {_HEAVIEST:g} in size", lambda v: abs(v) <= _HEAVIEST)
@@ -96,13 +108,12 @@ _SHORT = within(f"have at most {_LONGEST_NAME} letters", lambda v: len(v) <= _LO
 Name = Annotated[str, _SHORT]
 Kind = Annotated[str, _SHORT, within("be one line", is_one_line)]
 Title = Annotated[str, AfterValidator(lambda v: shortened(in_one_line(v), _LONGEST_TITLE))]
+FilePath = Annotated[
+    str,
+    within("not be empty", bool),
+    within("be the name of a file", lambda v: len(v) <= _LONGEST_PATH and "\0" not in v),
+]
 Names = Annotated[
-    list[
-        Annotated[
-            str,
-            within("not be empty", bool),
-            within("be the name of a file", lambda v: len(v) <= _LONGEST_PATH and "\0" not in v),
-        ]
-    ],
+    list[FilePath],
     within(f"have at most {MOST_MOUNTS} entries", lambda v: len(v) <= MOST_MOUNTS),
 ]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.evaluation.lens_checks import lens_warnings
 from glvis.problem.camera import rigid_inverse
 from glvis.problem.lens import Pinhole
 from glvis.problem.mounts import Array
@@ -80,6 +81,7 @@ def study_warnings(study: Study) -> list[str]:
     return [
         *said_once(found),
         *no_pinholes(study.sensors),
+        *lens_warnings(study),
         *_blind(poses, study),
         *_misplaced(poses, study),
     ]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,6 +61,14 @@ class CalibratedLens(Lens):
     def focal(self) -> tuple[float, float]:
         """Focal lengths along x and y at the axis: shares of the image's width and height."""
         return self.focal_px[0] / self.size[0], self.focal_px[1] / self.size[1]
+
+    def at_size(self, size: tuple[int, int]) -> Self:
+        """Return the same lens in pixels of another size: of the same image, more or fewer."""
+        across, down = size[0] / self.size[0], size[1] / self.size[1]
+        focal_px = (self.focal_px[0] * across, self.focal_px[1] * down)
+        # corners of the image stay where they are, not the centres of its pixels
+        x, y = (self.centre_px[0] + 0.5) * across - 0.5, (self.centre_px[1] + 0.5) * down - 0.5
+        return replace(self, size=size, focal_px=focal_px, centre_px=(x, y))
 
     @abstractmethod
     def _inverse(self, x: Floats, y: Floats) -> Floats:

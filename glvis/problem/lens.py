@@ -346,10 +346,15 @@ def cube_windows(lens: Lens) -> Windows:
     )  # fmt: skip
     across, up = np.meshgrid(*[np.linspace(-1, 1, _ON_CUBE)] * 2)
     on_face = np.stack([across.ravel(), up.ravel(), np.full(across.size, -1.0)])
+    # the image asks for faces, too: a corner of it may lie between the samples of a face
+    places = np.linspace(0, 1, _ON_CUBE)
+    x, y, depth = lens.directions(*np.meshgrid(places, places)).reshape(3, -1)
     needed = []
     for face in faces:
         right, above, back = face @ on_face
-        if lens.contains(right, above, -back).any():
+        aside, over, behind = face.T @ [x, y, -depth]
+        is_here = np.maximum(np.abs(aside), np.abs(over)) <= -behind
+        if is_here.any() or lens.contains(right, above, -back).any():
             needed.append(face)
     tangents = np.full(2, 1 + _OVERLAP)
     return Windows(np.stack(needed), tangents)

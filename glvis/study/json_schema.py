@@ -11,7 +11,9 @@ from typing import Any
 
 from glvis.problem.units import MM_PER_UNIT
 from glvis.study.keys import KEY_TABLES
-from glvis.study.schema import FreeTable, MirrorTable, SensorTable, StudyTable
+from glvis.study.lengths import may_be_length
+from glvis.study.schema import FreeTable, MirrorTable, StudyTable
+from glvis.study.sensor_table import FocusTable, PartnerTable, SensorTable
 
 SCHEMA_FILE = "study.schema.json"  # beside a study, which names it in its first line
 DIRECTIVE = f"#:schema {SCHEMA_FILE}"  # as Taplo, and with it Even Better TOML, reads it
@@ -20,7 +22,11 @@ _LENGTH = {
     "type": "string",
     "pattern": rf"^\s*[-+]?[0-9.]+([eE][-+]?[0-9]+)?\s*({'|'.join(MM_PER_UNIT)})\s*$",
 }
-_WITH_LENGTHS = (FreeTable, MirrorTable, SensorTable)  # others take a text in place of a number
+# Which tables take lengths, and within which of a study's; others take a text for a number.
+_WITH_LENGTHS = {
+    FreeTable: "mount", MirrorTable: "mount", SensorTable: "sensor", PartnerTable: "sensor",
+    FocusTable: "sensor",
+}  # fmt: skip
 
 
 def study_schema() -> dict[str, Any]:
@@ -40,10 +46,10 @@ def study_schema() -> dict[str, Any]:
         else:
             found["properties"][table.name.strip("[]")]["description"] = table.about
     found["description"] = "A study of glvis: where to put cameras and depth sensors."
-    for kind in _WITH_LENGTHS:
+    for kind, table_name in _WITH_LENGTHS.items():
         properties = tables[kind.__name__]["properties"]
         for key, value in properties.items():
-            properties[key] = value if key.endswith("_deg") else _or_length(value)
+            properties[key] = _or_length(value) if may_be_length(table_name, key) else value
     head = {"$schema": "http://json-schema.org/draft-07/schema#", "title": "glvis study"}
     return head | _for_toml(found)
 

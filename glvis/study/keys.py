@@ -20,12 +20,12 @@ from glvis.study.schema import (
     RingTable,
     SceneTable,
     SearchTable,
-    SensorTable,
     StudyTable,
     SwarmTable,
-    Table,
     VisibilityTable,
 )
+from glvis.study.sensor_table import FocusTable, NoiseTable, PartnerTable, SensorTable
+from glvis.study.table import Table
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,28 @@ class KeyTable:
 
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """Yield key, default (or "needed") and meaning of each key."""
+        fields = self.schema.fields_by_key() if self.schema else {}
         for key, meaning in self.meanings.items():
-            field = self.schema.model_fields[key] if self.schema else None
+            field = fields.get(key)
             default = "needed" if field and field.is_required() else ""
             if field and not field.is_required() and field.default is not None:
                 default = toml_text(field.default)
             yield key, default, meaning
 
+
+_LENS_MEANINGS = {
+    "lens": '"pinhole", "opencv" (focal_px and distortion), "fisheye" (OpenCV\'s) or "spherical" '
+    "(lidar, 360 degrees)",
+    "hfov_deg": "pinhole: horizontal field of view, degrees",
+    "vfov_deg": "pinhole: vertical field of view, degrees",
+    "focal_px": "[fx, fy], pixels; or hfov_deg and vfov_deg",
+    "centre_px": "[cx, cy], pixels, of which centres have whole numbers; the middle without it",
+    "distortion": "opencv: [k1, k2, p1, p2, k3, k4, k5, k6], 4, 5 or 8 of them; fisheye: "
+    "[k1, k2, k3, k4]",
+    "max_angle_deg": "half angle of a cone about the optical axis, beyond which there is no image",
+    "azimuth_deg": "spherical: range about the optical axis, up to 360",
+    "elevation_deg": "spherical: [lowest, highest] angle above the plane of right and axis",
+}
 
 KEY_TABLES = (
     KeyTable(
@@ -91,13 +106,58 @@ KEY_TABLES = (
         "A camera or depth sensor, once for all mounts that name it.",
         SensorTable,
         {
-            "hfov_deg": "horizontal field of view, degrees",
-            "vfov_deg": "vertical field of view, degrees",
-            "resolution": "pixels, [width, height]",
-            "min_distance": "where its range begins, as depth along the optical axis",
-            "max_distance": "where its range ends, as depth along the optical axis",
+            "from": "an entry of the catalogue, whose keys it has; those beside it go before them",
+            "calibration": "file of OpenCV, ROS (camera_info) or kalibr, beside the study: its "
+            'lens and resolution; "chain.yaml#cam1" is the second camera of a chain',
+            **_LENS_MEANINGS,
+            "resolution": "pixels, [width, height], of a lidar columns and beams; of the catalogue "
+            "or a calibration another number of pixels in the same field of view",
+            "min_distance": "where its range begins, see distance",
+            "max_distance": "where its range ends; needed, without from",
             "max_incidence_deg": "largest angle between a face's normal and the way to the "
             "sensor: 0 looks straight at it, 90 edge on",
+            "distance": 'what the range measures: "depth" along the optical axis, or "range" from '
+            'the optical centre; "range" for a spherical lens, else "depth"',
+            "partner": "a second viewpoint fixed to it, by which a point must be seen as well",
+            "noise": "how far its depths are off",
+            "focus": "what decides how sharp it sees",
+            "emits": "name of a group of projectors that disturb each other",
+            "cost": "of one, in any currency",
+        },
+    ),
+    KeyTable(
+        "partner",
+        "In [sensor.NAME]: partner = { offset, turn_deg, role }, with the sensor's lens, or with "
+        "keys of a lens of its own.",
+        PartnerTable,
+        {
+            "offset": "[right, up, back]: its optical centre in the camera frame of the sensor",
+            "turn_deg": "[yaw, pitch] of its optical axis against the sensor's: to the right, up",
+            "role": '"imager" or "projector"',
+            **_LENS_MEANINGS,
+            "resolution": "pixels, [width, height], that focal_px means; the sensor's without it",
+        },
+    ),
+    KeyTable(
+        "noise",
+        "In [sensor.NAME]: noise = { subpixel } or { polynomial, by_incidence }, 1 sigma of a "
+        "depth.",
+        NoiseTable,
+        {
+            "subpixel": "error of a disparity in pixels: stereo and structured light, with partner",
+            "polynomial": "[a, b, c, ...] of a + b z + c z^2 ... in the study's unit",
+            "by_incidence": "whether the error is divided by the cosine of the incidence",
+        },
+    ),
+    KeyTable(
+        "focus",
+        "In [sensor.NAME]: focus = { focal_length, f_number, distance, pixel_pitch }.",
+        FocusTable,
+        {
+            "focal_length": "of the lens",
+            "f_number": "focal length by the diameter of the aperture",
+            "distance": "what is in focus, along the optical axis",
+            "pixel_pitch": 'width of a pixel on the chip, as a length: "0.00345 mm"',
         },
     ),
     KeyTable(

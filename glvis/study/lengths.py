@@ -9,9 +9,16 @@ from typing import Any
 from glvis.problem.units import MM_PER_UNIT
 
 _LENGTH = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*([a-z]+)")
-# Tables with lengths, and keys in them whose texts mean something else.
-_TABLES = ("scene", "sensor", "variables", "mount")
-_OTHER = ("name", "sensor", "models", "obstacles")
+# Tables with lengths, and keys in them that are none: names and files, pixels and shares.
+_OTHER: dict[str, tuple[str, ...]] = {
+    "scene": ("models", "obstacles", "assembly"),
+    "sensor": (
+        "from", "calibration", "lens", "role", "emits", "resolution", "focal_px", "centre_px",
+        "distortion", "subpixel", "polynomial", "f_number", "cost",
+    ),
+    "variables": (),
+    "mount": ("name", "sensor"),
+}  # fmt: skip
 
 
 def length_in(unit: str, text: str) -> float | None:
@@ -37,22 +44,28 @@ def with_plain_lengths(data: dict[str, Any]) -> dict[str, Any]:
     unit = data.get("unit", "mm")
     if not isinstance(unit, str) or unit not in MM_PER_UNIT:
         return data
-    return {key: _plain(value, unit) if key in _TABLES else value for key, value in data.items()}
+    return {
+        table: _plain(value, unit, table) if table in _OTHER else value
+        for table, value in data.items()
+    }
 
 
-def _plain(node: Any, unit: str) -> Any:
+def may_be_length(table: str, key: str) -> bool:
+    """Return whether a key somewhere in a table of a study may have a unit of its own."""
+    return not key.endswith("_deg") and key not in _OTHER[table]
+
+
+def _plain(node: Any, unit: str, table: str) -> Any:
     if isinstance(node, list):
-        return [_plain(entry, unit) for entry in node]
-    if isinstance(node, dict):
+        return [_plain(entry, unit, table) for entry in node]
+    if isinstance(node, dict):  # which may be a sensor that is called as a key is
         return {
-            key: value if _is_no_length(key, value) else _plain(value, unit)
+            key: _plain(value, unit, table)
+            if may_be_length(table, key) or (isinstance(value, dict) and key in _OTHER[table])
+            else value
             for key, value in node.items()
         }
     if isinstance(node, str):
         length = length_in(unit, node)
         return node if length is None else length
     return node
-
-
-def _is_no_length(key: str, value: Any) -> bool:
-    return key.endswith("_deg") or (key in _OTHER and not isinstance(value, dict))

@@ -33,6 +33,7 @@ from glvis.study.lengths import with_plain_lengths
 from glvis.study.meshpaths import NAMES_KEY, check_names, mesh_paths
 from glvis.study.overrides import REMOVED, overridden, written
 from glvis.study.schema import StudyTable
+from glvis.study.sensor_table import sensor_table
 
 _SCHEMA_LINE = re.compile(r"(#:schema +)([^:\s][^:\n]*)(?=\n)")  # by a path, not by an URL
 _MOST_PIXELS = 1 << 26  # of an image that decides; one takes about 14 bytes a pixel
@@ -75,12 +76,14 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
             check_names(model_paths, obstacle_paths)
             if table.scene.assembly == NAMES_KEY:
                 raise StudyError(f"assembly: a model cannot be called '{NAMES_KEY}'")
-        sensors = _sensors(table)
+        sensors = _sensors(table, folder)
         up = table.up or UPS[own_up(model_paths)]
         rig = build_rig(table.variables, [mount.to_mount() for mount in table.mount], up)
         with _located("[visibility] "):
             visibility = table.visibility.to_options()
             _check_pixels(visibility, sensors, rig.sensor_kinds)
+            if table.visibility.semantics == "paper":
+                _check_ideal(sensors, rig.sensor_kinds)
         with _located("[objective] "):
             objective = table.objective.to_objective()
         swarm, search = _swarm(table), _search(table)
@@ -96,6 +99,10 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     changes["scene", "models"] = [str(file) for file in model_paths]
     if obstacle_paths:
         changes["scene", "obstacles"] = [str(file) for file in obstacle_paths]
+    for name, own in table.sensor.items():
+        if own.is_of_elsewhere:  # whoever reads the result has neither file nor catalogue
+            changes.pop(("sensor", name), None)  # the order of changes is that of writing
+            changes["sensor", name] = sensor_table(sensors[name])
     told = {"objective.kind": objective.kind, "objective.by_area": objective.by_area}
     told["search.method"] = search.method
     assumed = tuple(key for key in told if not _names(data, key))
@@ -155,12 +162,12 @@ def _names(data: Mapping[str, Any], key: str) -> bool:
     return name in data.get(table, {})
 
 
-def _sensors(table: StudyTable) -> dict[str, Sensor]:
+def _sensors(table: StudyTable, folder: Path) -> dict[str, Sensor]:
     """Return the sensors that the mounts name: the file's own go before the catalogue's."""
     known = catalogue(table.unit)
     for name, own in table.sensor.items():
         with _located(f"[sensor.{shortened(name)}] "):
-            known[name] = own.to_sensor(name)
+            known[name] = own.to_sensor(name, table.unit, folder)
     for mount in table.mount:
         if mount.sensor not in known:
             raise StudyError(
@@ -180,6 +187,20 @@ def _check_pixels(
             raise StudyError(
                 f"resolution: '{shortened(kind)}' would be drawn with {width} x {height} pixels, "
                 f"more than {_MOST_PIXELS:,} in all; choose 'auto' or a smaller [width, height]"
+            )
+
+
+def _check_ideal(sensors: Mapping[str, Sensor], kinds: Sequence[str]) -> None:
+    """Refuse sensors of which the paper says nothing, where all is to be as in the paper."""
+    for kind in dict.fromkeys(kinds):
+        sensor = sensors[kind]
+        if not sensor.is_ideal:
+            what = "a partner" if sensor.partner else f"distance = '{sensor.distance}'"
+            if sensor.lens.kind != "pinhole":
+                what = f"lens = '{sensor.lens.kind}'"
+            raise StudyError(
+                f"semantics = 'paper': '{shortened(kind)}' has {what}, and the paper knows one "
+                "ideal pinhole, depth along its axis and no second viewpoint; leave semantics out"
             )
 
 

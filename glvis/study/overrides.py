@@ -19,9 +19,10 @@ from tomlkit.items import Array as TomlArray
 from glvis.common.complaints import shortened
 from glvis.common.files import toml_tables
 from glvis.errors import StudyError
-from glvis.problem.catalogue import catalogue, complaint
+from glvis.problem.catalogue import catalogue, complaint, find_sensor
 from glvis.problem.expressions import nearest
-from glvis.study.schema import StudyTable, sensor_table
+from glvis.study.schema import StudyTable
+from glvis.study.sensor_table import sensor_table
 
 # Values by the keys (and places in lists) that lead to them.
 Changes = dict[tuple[str | int, ...], Any]
@@ -31,6 +32,7 @@ MOUNTS = "mounts"  # no key of a study: how many of its mounts stay
 
 # Tables that a file may leave out and an override may open.
 _TABLES = ("scene", "visibility", "objective", "swarm", "search", "vary")
+_SENSOR_PARTS = ("partner", "noise", "focus")  # tables of a sensor
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _MOST_EDITED = 30_000  # letters; the time that tomlkit takes may grow with their square
 _NAME = re.compile(r"[^\W\d]\w*")
@@ -173,6 +175,8 @@ def _path(parts: list[str], data: dict[str, Any], changes: Changes) -> tuple[str
                 node[part] = {}
             elif parts[0] == "sensor" and depth <= 1:
                 _open_sensor(parts, data, changes)
+            elif parts[0] == "sensor" and depth == 2 and part in _SENSOR_PARTS:
+                _open_part(parts, data, changes)
             else:
                 raise StudyError(
                     f"is unknown: there is no '{shortened(part)}' in {above or 'it'}"
@@ -225,6 +229,20 @@ def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -
     changes["sensor", parts[1]] = dict(sensors[parts[1]])
 
 
+def _open_part(parts: Sequence[str], data: dict[str, Any], changes: Changes) -> None:
+    """Write a table of a sensor into it: that of its entry of the catalogue, or an empty one."""
+    sensor, unit = data["sensor"][parts[1]], data.get("unit", "mm")
+    entry = sensor.get("from")
+    found: dict[str, Any] = {}
+    if isinstance(entry, str) and isinstance(unit, str):
+        try:
+            found = sensor_table(find_sensor(entry, unit)).get(parts[2], {})
+        except ValueError as error:
+            raise StudyError(f"needs an entry of the catalogue: {error}") from None
+    sensor[parts[2]] = found
+    changes["sensor", parts[1], parts[2]] = dict(found)
+
+
 def _hint(name: str) -> str:
     """Return what was meant by a key that is none: one of the tables', or the nearest."""
     for table, field in StudyTable.model_fields.items():
@@ -235,9 +253,9 @@ def _hint(name: str) -> str:
 
 def _item(path: Sequence[str | int], value: Any) -> Any:
     """Return a value as tomlkit is to write it."""
-    if isinstance(value, dict) and path[0] == "sensor":
+    if isinstance(value, dict) and path[0] == "sensor" and len(path) == 2:
         table = tomlkit.table()
-        table.update(value)
+        table.update({key: tomlkit.value(toml_text(entry)) for key, entry in value.items()})
         table.add(tomlkit.nl())
         return table
     if value is REMOVED:

@@ -7,33 +7,27 @@ the key, what it got and what is allowed, in one line.
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_type_hints
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Tag,
     create_model,
     model_validator,
 )
 
-from glvis.common.complaints import shortened
 from glvis.common.values import (
     FARTHEST,
     LARGEST_IMAGE,
     MOST,
     MOST_MOUNTS,
     Axis,
-    Incidence,
     Kind,
     Name,
     Names,
-    Opening,
     Point,
     Positive,
     Size,
@@ -44,41 +38,18 @@ from glvis.common.values import (
     few,
     within,
 )
-from glvis.problem.expressions import nearest, parse_linear
+from glvis.problem.expressions import parse_linear
 from glvis.problem.layout import PLANES, Aim, Angles, Free, Mirror, Mount, Parameter, Ring, Vector
-from glvis.problem.lens import Pinhole
 from glvis.problem.objective import OVERLAP_WEIGHTS, TERM_WEIGHTS, Objective
 from glvis.problem.search_options import FOR_COMPARISON, METHODS, SearchOptions
-from glvis.problem.sensor import Sensor
 from glvis.problem.swarm_options import SwarmOptions
 from glvis.problem.visibility_options import VisibilityOptions
+from glvis.study.sensor_table import SensorTable
+from glvis.study.table import Table
 
 _RESOLUTIONS = "be 'auto', 'sensor' or [width, height]"
 _EDGES = "be 'auto', 'off' or a length greater than 0"
 _NAME = re.compile(r"\w[\w.+ -]*")  # that files of a result can have
-
-
-class Table(BaseModel):
-    """A table of the study file: strict types, no unknown key."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, data: Any) -> Any:
-        if isinstance(data, dict):
-            for key in data:
-                if key not in cls.model_fields:
-                    hint = nearest(key, cls.model_fields) or "; known are " + ", ".join(
-                        cls.model_fields
-                    )
-                    raise ValueError(f"unknown key '{shortened(str(key))}'{hint}")
-        return data
-
-
-def _given(table: Table) -> dict[str, Any]:
-    """Return what the file says of a table, without the defaults."""
-    return {key: getattr(table, key) for key in table.model_fields_set}
 
 
 class FreeTable(Table):
@@ -148,28 +119,6 @@ class SceneTable(Table):
     ] = "auto"
 
 
-class SensorTable(Table):
-    """``[sensor.NAME]``."""
-
-    hfov_deg: Opening
-    vfov_deg: Opening
-    resolution: Size
-    min_distance: Annotated[float, within("be at least 0", lambda v: v >= 0)] = 0.0
-    max_distance: Positive
-    max_incidence_deg: Incidence = 90.0
-
-    def to_sensor(self, name: str) -> Sensor:
-        """Return the sensor of this table."""
-        return Sensor(
-            name,
-            Pinhole.from_degrees(self.hfov_deg, self.vfov_deg),
-            (self.resolution[0], self.resolution[1]),
-            self.min_distance,
-            self.max_distance,
-            math.radians(self.max_incidence_deg),
-        )
-
-
 class VisibilityTable(Table):
     """``[visibility]``."""
 
@@ -194,7 +143,7 @@ class VisibilityTable(Table):
 
     def to_options(self) -> VisibilityOptions:
         """Return the options; ``semantics`` goes before the single choices."""
-        given = _given(self)
+        given = self.given()
         if isinstance(self.resolution, list):
             given["resolution"] = (self.resolution[0], self.resolution[1])
         if given.pop("semantics", None) is None:
@@ -311,7 +260,7 @@ class ObjectiveTable(Table):
 
     def to_objective(self) -> Objective:
         """Return the objective; single weights go before those of the set."""
-        given = _given(self)
+        given = self.given()
         given.pop("weights", None)
         terms = dict(zip(("w_tot", "w_of1", "w_of2"), TERM_WEIGHTS[self.weights], strict=True))
         overlap = tuple(given.pop("overlap", OVERLAP_WEIGHTS[self.weights]))
@@ -374,23 +323,11 @@ class StudyTable(Table):
 
     def swarm_options(self) -> SwarmOptions:
         """Return the options of the swarm; what the table leaves open has its default."""
-        return SwarmOptions(**_given(self.swarm))
+        return SwarmOptions(**self.swarm.given())
 
     def search_options(self) -> SearchOptions:
         """Return what searches; what the table leaves open has its default."""
-        return SearchOptions(**_given(self.search))
-
-
-def sensor_table(sensor: Sensor) -> dict[str, Any]:
-    """Return a sensor as a study file writes it, the inverse of ``SensorTable.to_sensor``."""
-    return {
-        "hfov_deg": round(math.degrees(sensor.lens.opening[0]), 9),
-        "vfov_deg": round(math.degrees(sensor.lens.opening[1]), 9),
-        "resolution": list(sensor.resolution),
-        "min_distance": sensor.min_distance,
-        "max_distance": sensor.max_distance,
-        "max_incidence_deg": round(math.degrees(sensor.max_incidence), 9),
-    }
+        return SearchOptions(**self.search.given())
 
 
 def _triple(values: Any) -> Any:
