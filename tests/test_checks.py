@@ -200,7 +200,7 @@ def test_a_model_beyond_every_range_is_told(warnings_of):
     far, blind = warnings_of(cube(100.0), radius=3000)
     assert far == (
         "ball: at the start all of it lies beyond max_distance of every sensor "
-        "(nearest depth 2950 mm); is unit = 'mm' right?"
+        "(nearest distance 2950 mm); is unit = 'mm' right?"
     )
     assert blind == "at the start no sensor has any part of a model in view and range"
 
@@ -209,7 +209,7 @@ def test_a_model_nearer_than_every_range_is_told(warnings_of):
     near, _ = warnings_of(cube(20.0), unit="cm", radius=80)
     assert near == (
         "ball: at the start all of it lies nearer than min_distance of every sensor "
-        "(largest depth 90 cm); is unit = 'cm' right?"
+        "(largest distance 90 cm); is unit = 'cm' right?"
     )
 
 

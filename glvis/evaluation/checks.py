@@ -30,6 +30,7 @@ from glvis.problem.units import (
 from glvis.problem.winding import Winding, is_in_solid, winding
 from glvis.visibility.filters import may_pass
 from glvis.visibility.points import corners_in_camera
+from glvis.visibility.views import Views
 
 _SAMPLE = 20_000  # faces or vertices a model, enough to say where it lies
 # Sizes of a model, in longest working ranges, beyond which the unit is in doubt.
@@ -214,18 +215,25 @@ def _distance(model: Model, poses: Array, study: Study) -> str:
             f"{doubt}"
         )
     points = model.vertices[:: -(-len(model.vertices) // _SAMPLE)]
-    depths = np.stack([-_in_camera(points, pose)[:, 2] for pose in poses])
+    depths = np.stack(
+        [
+            np.linalg.norm(points - pose[:3, 3], axis=1)
+            if sensor.distance == "range"
+            else -_in_camera(points, pose)[:, 2]
+            for sensor, pose in zip(study.sensors, poses, strict=True)
+        ]
+    )
     nearest = np.array([sensor.min_distance for sensor in study.sensors])
     farthest = np.array([sensor.max_distance for sensor in study.sensors])
     if (depths > farthest[:, None]).all():
         return (
             f"at the start all of it lies beyond max_distance of every sensor "
-            f"(nearest depth {depths.min():.4g} {study.unit}); {doubt}"
+            f"(nearest distance {depths.min():.4g} {study.unit}); {doubt}"
         )
     if ((depths >= 0) & (depths < nearest[:, None])).all():
         return (
             f"at the start all of it lies nearer than min_distance of every sensor "
-            f"(largest depth {depths.max():.4g} {study.unit}); {doubt}"
+            f"(largest distance {depths.max():.4g} {study.unit}); {doubt}"
         )
     return ""
 
@@ -250,14 +258,21 @@ def _blind(poses: Array, study: Study) -> list[str]:
     for model in study.models:
         sampled = np.arange(0, model.n_faces, -(-model.n_faces // _SAMPLE))
         for index, sensor in enumerate(study.sensors):
-            corners = corners_in_camera(model, sampled, poses[index])
-            tan_half = sensor.lens.tan_half[:, None]
-            working_range = [[sensor.min_distance], [sensor.max_distance]]
-            is_blind[index] &= not may_pass(corners, tan_half, working_range).any()
+            views = Views.of(poses[index][None], sensor, model.bounds, study.visibility)
+            is_blind[index] &= not all(_may_show(model, sampled, eye) for eye in views.viewpoints)
     if is_blind.all():
         return ["at the start no sensor has any part of a model in view and range"]
     blind = [name for name, alone in zip(study.sensor_names, is_blind, strict=True) if alone]
     return [f"{name}: has no part of a model in view and range at the start" for name in blind]
+
+
+def _may_show(model: Model, sampled: NDArray[np.integer], views: Views) -> bool:
+    """Return whether one of some faces may lie in a window of a viewpoint, and in range."""
+    tan_half, depth_range = views.windows.tan_half[:, None], np.array(views.depth_range)[:, None]
+    return any(
+        may_pass(corners_in_camera(model, sampled, pose), tan_half, depth_range).any()
+        for pose in views.windows.camera_to_world
+    )
 
 
 def _misplaced(poses: Array, study: Study) -> Iterator[str]:
