@@ -181,7 +181,7 @@ def _depth_error(depth: Floats, distance: Floats, incidence: Floats, sensor: Sen
     else:
         # z is what the sensor's own distances measure: a lidar's data sheet tells of ranges
         along = distance if sensor.distance == "range" else np.where(depth > 0, depth, np.nan)
-        error = np.polynomial.polynomial.polyval(along, noise.polynomial)
+        error = np.asarray(np.polynomial.polynomial.polyval(along, noise.polynomial), np.float64)
         error = np.where(error >= 0, error, np.nan)  # a polynomial beyond what it was fitted to
     return error / incidence if noise.by_incidence else error
 
