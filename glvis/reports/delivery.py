@@ -41,6 +41,8 @@ class Look:
         Azimuth and elevation, degrees, of pictures in perspective; None chooses.
     color : str or None
         Only the pictures with this colouring.
+    also : tuple of str
+        Further colourings, beside those made anyway.
     all_pictures : bool
         Every model and sensor, however many there are.
     """
@@ -48,6 +50,7 @@ class Look:
     size: tuple[int, int] = SIZE
     view: tuple[float, float] | None = None
     color: str | None = None
+    also: tuple[str, ...] = ()
     all_pictures: bool = False
 
 
@@ -187,7 +190,9 @@ def write_pictures(placement: Placement, directory: Path, look: Look | None = No
         size=look.size,
         view=look.view,
         color=look.color,
+        also=look.also,
         all_pictures=look.all_pictures,
+        interference=placement.interference,
     )
 
 
