@@ -196,7 +196,7 @@ class Sheet:
         self.frame(Box(x, y, size, size), FRAME)
 
     def color_bar(self, box: Box, bar: Bar) -> int:
-        """Draw a colour bar, light end up, with its quantity, unit and ticks; return the row below."""
+        """Draw a bar, its light end up, with quantity, unit and ticks; return the row below."""
         unit = f" ({bar.unit})" if bar.unit else ""
         y = self.paragraph_ink(box.x, box.y, box.width, f"{bar.label}{unit}")
         width, top = self.units(26), y + self.units(12)

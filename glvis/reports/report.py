@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from glvis.evaluation.view_quality import quality_of_views
+from glvis.problem.units import fine_unit
 from glvis.results.explain import refusals_of
 from glvis.results.mounting import mounting_lines
+from glvis.results.quality_tables import (
+    TOLD,
+    interference_table,
+    interference_words,
+    known_names,
+    quality_table,
+)
 from glvis.results.result import versions
 from glvis.results.tables import mean_row, model_rows, sensor_table
 from glvis.results.within_reach import reach_table, reach_words
@@ -14,12 +25,15 @@ from glvis.viewer.page_data import (
     PageData,
     PageModel,
     PageObstacle,
+    PageQuality,
     PageSensor,
     PageTable,
     PageTrace,
 )
 
 _SHARES = {"percentage": "seen %", "area_percentage": "area seen %"}
+# What the page says of the view of a face; # is the number with its unit.
+_READINGS = {"pixel_size": "# a pixel", "depth_error": "depth error #", "blur": "blur #"}
 _COUNTS = {
     "total": "faces",
     "unique_seen": "unique seen",
@@ -42,8 +56,11 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
                 found.visible,
                 model.pieces.file_face if model.pieces else None,
                 refusals_of(model, study, placement.camera_to_world),
+                qualities,
             )
-            for model, found in zip(study.models, placement.maps, strict=True)
+            for model, found, qualities in zip(
+                study.models, placement.maps, _qualities(placement), strict=True
+            )
         ],
         sensors=[
             PageSensor(
@@ -61,7 +78,13 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
             )
         ],
         obstacles=[PageObstacle(m.name, m.vertices, m.faces) for m in study.obstacles],
-        tables=[_coverage(placement), *_reach(placement), _sensors(placement)],
+        tables=[
+            _coverage(placement),
+            *_reach(placement),
+            _sensors(placement),
+            _quality(placement),
+            *_interference(placement),
+        ],
         trace=_trace(placement),
         facts=[*_facts(placement), *(("Pictures", text) for text in _bare(left_out))],
         mounting=mounting_lines(placement),
@@ -115,6 +138,43 @@ def _sensors(placement: Placement) -> PageTable:
         rows,
         f"Of the {noun}, the mean over models. What only it sees would be lost without it.",
     )
+
+
+def _quality(placement: Placement) -> PageTable:
+    return PageTable(
+        "How good the views are",
+        *quality_table(placement),
+        "The median over the faces that each sensor sees, and what the worst of them exceed.",
+    )
+
+
+def _interference(placement: Placement) -> list[PageTable]:
+    table = interference_table(placement)
+    return [PageTable("Interference", *table, f"{interference_words(placement)}.")] if table else []
+
+
+def _qualities(placement: Placement) -> list[list[PageQuality]]:
+    """Return how good each sensor's view of each face is, by model."""
+    study = placement.study
+    every = [
+        quality_of_views(model.centroids, model.normals, placement.camera_to_world, study.sensors)
+        for model in study.models
+    ]
+    units: dict[str, tuple[float, str]] = {}
+    for name in known_names(study.sensors):
+        values = np.concatenate(
+            [one.of(name)[found.visible] for one, found in zip(every, placement.maps, strict=True)]
+        )
+        known = values[np.isfinite(values)]
+        typical = float(np.median(known)) if len(known) else 1.0
+        units[name] = (1.0, "px") if TOLD[name] else fine_unit(typical, study.unit)
+    return [
+        [
+            PageQuality(_READINGS[name], unit, factor * one.of(name))
+            for name, (factor, unit) in units.items()
+        ]
+        for one in every
+    ]
 
 
 def _trace(placement: Placement) -> PageTrace | None:
