@@ -108,7 +108,10 @@ def check_kinds(kinds: Sequence[str], sensors: Sequence[Sensor]) -> None:
             raise ValueError(f"color = '{kind}' must be one of {', '.join(EVERY_KIND)}")
         if kind in QUALITIES and not is_known(_field(kind), sensors):
             key = "noise" if kind == "depth-error" else "focus"
-            raise ValueError(f"color = '{kind}' needs a sensor that states its {key}; none does")
+            raise ValueError(
+                f"color = '{kind}' needs a sensor that states its {key}; none does, see [sensor] "
+                f"{key}"
+            )
         if kind == INTERFERENCE and not rival_groups(sensors):
             raise ValueError(
                 f"color = '{kind}' needs two sensors whose 'emits' is the same; there are none"
