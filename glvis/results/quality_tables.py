@@ -112,7 +112,7 @@ def quality_table(placement: Placement) -> tuple[list[str], list[list[str]]]:
             factor, unit = fine_unit(float(np.median(known)) if known else 1.0, study.unit)
         header += [f"{name.replace('_', ' ')} [{unit}]", f"worst {WORST:g} %"]
         for what in ("median", "worst"):
-            columns.append([f"{factor * getattr(s, what):.3g}" if s else "-" for s in spreads])
+            columns.append([_digits(factor * getattr(s, what)) if s else "-" for s in spreads])
     return header, [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -172,6 +172,12 @@ def interference_words(placement: Placement) -> str:
         worst = int(np.argmax(shares))
         told += f" (mean over models; {study.models[worst].name} {shares[worst]:.1f} %)"
     return f"Interference: {told} is lit by two or more projectors of one group ({who})"
+
+
+def _digits(value: float) -> str:
+    """Return a number with three significant digits, no fewer: "0.320"."""
+    text = f"{float(f'{value:.3g}'):#.3g}"
+    return f"{value:.0f}" if "e" in text and value >= 1 else text.rstrip(".")
 
 
 def _spread(values: Floats) -> Spread | None:

@@ -26,7 +26,7 @@ function faceSeenFrom(mesh, face, sensor, incidence) {
 function qualityWords(mesh, face, some) {
   return mesh.qualities.map(({ label, unit, of }) => {
     const best = Math.min(...some.filter((s) => mesh.sees(s, face)).map((s) => of(s, face)).filter(Number.isFinite));
-    return Number.isFinite(best) ? label.replace('#', `${twoDigits(best)} ${unit}`) : '';
+    return Number.isFinite(best) ? label.replace('#', `${twoDigits(best)}\u00a0${unit}`) : '';
   }).filter(Boolean).join(', ');
 }
 
