@@ -269,3 +269,63 @@ def test_best_is_the_smallest_but_of_densities_the_largest_of_those_that_see_a_f
     error, which = found.best("depth_error", visible)
     np.testing.assert_allclose(error, [0.6, 0.6, np.nan], rtol=1e-9)
     assert which.tolist() == [1, 1, -1]
+
+
+def pixel_rays(lens, size) -> np.ndarray:
+    """Return unit directions (n, 3) of the pixels' centres, x right, y up, depth."""
+    u, v = np.meshgrid((np.arange(size[0]) + 0.5) / size[0], (np.arange(size[1]) + 0.5) / size[1])
+    rays = lens.directions(u.ravel(), v.ravel()).T
+    return rays[np.isfinite(rays).all(axis=1)]
+
+
+def hit_by(rays, corners) -> int:
+    """Return how many rays from the origin meet a triangle (3, 3): Cramer's rule."""
+    shares = np.linalg.solve(corners.T, rays.T)
+    return int(np.count_nonzero((shares > 0).all(axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("lens", "size", "widest_deg"),
+    [
+        (Pinhole.from_degrees(75, 60), (400, 300), 30),
+        (OpenCVLens((400, 300), (260.0, 262.0), (203.0, 148.0), (-0.3, 0.1, 4e-4, -2e-4)),
+         (400, 300), 28),
+        (FisheyeLens((500, 500), (135.0, 135.0), (249.5, 249.5), (0.02, -0.004, 0.0, 0.0)),
+         (500, 500), 95),
+        (SphericalLens(2 * math.pi, (-0.6, 0.6)), (1200, 230), 170),
+    ],
+)  # fmt: skip
+def test_pixels_that_show_a_face_times_pixel_size_squared_are_its_area(rng, lens, size, widest_deg):
+    rays, errors = pixel_rays(lens, size), []
+    sensor = Sensor("any", lens, size, 0, 1e9, distance="range")
+    for _ in range(60):
+        # somewhere before the lens, of some 30 to 300 pixels, tilted up to 65 degrees
+        theta = math.radians(widest_deg) * math.sqrt(rng.random())
+        turn = rng.uniform(0, 2 * math.pi)
+        if isinstance(lens, SphericalLens):
+            along = lens.directions(rng.uniform(0.02, 0.98), rng.uniform(0.15, 0.85))
+        else:
+            along = np.array([math.sin(theta) * math.cos(turn), math.sin(theta) * math.sin(turn),
+                              math.cos(theta)])  # fmt: skip
+        centre = along * 1000 * [1, 1, -1]  # right, up, back
+        normal = (
+            -centre / 1000
+            + math.tan(math.radians(65))
+            * rng.random()
+            * np.cross(centre / 1000, rng.normal(size=3))
+            / 2
+        )
+        normal /= np.linalg.norm(normal)
+        a = np.cross(normal, [0.3, 0.5, 0.8])
+        a /= np.linalg.norm(a)
+        b = np.cross(normal, a)
+        turns = 2 * math.pi * np.arange(3) / 3
+        corners = centre + 70 * (np.outer(np.cos(turns), a) + np.outer(np.sin(turns), b))
+        n = hit_by(rays, corners * [1, 1, -1])
+        (pixel,) = view_quality(centre[None], normal[None], np.eye(4), sensor).pixel_size
+        area = 70**2 * 0.75 * math.sqrt(3)
+        if n > 30:
+            errors.append(n * pixel**2 / area - 1)
+    assert len(errors) > 30
+    assert abs(np.median(errors)) < 0.01
+    assert np.median(np.abs(errors)) < 0.03
