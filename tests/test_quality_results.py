@@ -356,6 +356,11 @@ def test_page_gets_every_number_that_a_sensor_states(plain, rich):
     assert math.isnan(np.asarray(blurs.values)[0, 0])
 
 
+def test_page_of_very_many_views_leaves_their_numbers_out(plain, monkeypatch):
+    monkeypatch.setattr("glvis.reports.report._MOST_VIEWS", 71)  # three sensors on 2 x 12 faces
+    assert [model.qualities for model in page_data(plain).models] == [[], []]
+
+
 def test_partner_of_a_stereo_pair_gives_its_depth_error(plain):
     pair = with_sensors(plain, lambda s, one: replace(
         one, noise=Noise(subpixel=0.1), partner=Partner((0.5, 0, 0), one.lens)))  # fmt: skip

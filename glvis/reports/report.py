@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from glvis.results.quality_tables import (
     interference_table,
     interference_words,
     known_names,
+    quality_rows,
     quality_table,
 )
 from glvis.results.result import versions
@@ -34,6 +35,7 @@ from glvis.viewer.page_data import (
 _SHARES = {"percentage": "seen %", "area_percentage": "area seen %"}
 # What the page says of the view of a face; # is the number with its unit.
 _READINGS = {"pixel_size": "# a pixel", "depth_error": "depth error #", "blur": "blur #"}
+_MOST_VIEWS = 1 << 25  # faces times sensors; a byte of the page for each number of each of them
 _COUNTS = {
     "total": "faces",
     "unique_seen": "unique seen",
@@ -153,28 +155,27 @@ def _interference(placement: Placement) -> list[PageTable]:
     return [PageTable("Interference", *table, f"{interference_words(placement)}.")] if table else []
 
 
-def _qualities(placement: Placement) -> list[list[PageQuality]]:
-    """Return how good each sensor's view of each face is, by model."""
+def _qualities(placement: Placement) -> Iterator[list[PageQuality]]:
+    """Yield how good each sensor's view of each face is, model by model; nothing of too many."""
     study = placement.study
-    every = [
-        quality_of_views(model.centroids, model.normals, placement.camera_to_world, study.sensors)
-        for model in study.models
-    ]
+    n_views = len(study.sensors) * sum(model.n_faces for model in study.models)
+    rows = quality_rows(placement) if n_views <= _MOST_VIEWS else []
     units: dict[str, tuple[float, str]] = {}
-    for name in known_names(study.sensors):
-        values = np.concatenate(
-            [one.of(name)[found.visible] for one, found in zip(every, placement.maps, strict=True)]
+    for name in known_names(study.sensors) if rows else []:
+        typical = [spread.median for row in rows if (spread := row.numbers[name])]
+        length = float(np.median(typical)) if typical else 1.0
+        units[name] = (1.0, "px") if TOLD[name] else fine_unit(length, study.unit)
+    for model in study.models:
+        if not units:
+            yield []
+            continue
+        views = quality_of_views(
+            model.centroids, model.normals, placement.camera_to_world, study.sensors
         )
-        known = values[np.isfinite(values)]
-        typical = float(np.median(known)) if len(known) else 1.0
-        units[name] = (1.0, "px") if TOLD[name] else fine_unit(typical, study.unit)
-    return [
-        [
-            PageQuality(_READINGS[name], unit, factor * one.of(name))
+        yield [
+            PageQuality(_READINGS[name], unit, np.float32(factor * views.of(name)))
             for name, (factor, unit) in units.items()
         ]
-        for one in every
-    ]
 
 
 def _trace(placement: Placement) -> PageTrace | None:
