@@ -256,6 +256,23 @@ def test_scale_is_one_of_all_models_and_of_factors_where_numbers_differ_much(ric
     assert quality_scale("depth-error", [seen_of(wide)]).bar.is_log
 
 
+def test_bars_of_nothing_of_one_number_and_of_zeros_are_bars(rich):
+    def bar_of(kind, placement):
+        seen = seen_of(placement)
+        painted = quality_coloring(kind, seen)
+        assert painted.colors.shape == (seen.model.n_faces, 4)
+        return painted.bar
+
+    unseen = tuple(replace(m, visible=np.zeros_like(m.visible)) for m in rich.maps)
+    assert bar_of("pixel-size", replace(rich, maps=unseen)).low < 1
+    constant = with_sensors(rich, lambda s, one: replace(one, noise=Noise(polynomial=(2.0,))))
+    bar = bar_of("depth-error", constant)
+    assert (bar.low, bar.high, bar.is_log) == (1, 4, False)
+    exact = with_sensors(rich, lambda s, one: replace(one, noise=Noise(polynomial=(0.0,))))
+    bar = bar_of("depth-error", exact)
+    assert (bar.low, bar.high, bar.is_log) == (0, 1, False)
+
+
 def test_bar_of_factors_has_its_geometric_mean_in_the_middle():
     bar = Bar(0.1, 1000.0, "blur", "pixels", is_log=True)
     np.testing.assert_allclose(bar.share([0.01, 0.1, 10, 1000, 5000]), [0, 0, 0.5, 1, 1])

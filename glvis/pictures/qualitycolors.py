@@ -139,10 +139,10 @@ def quality_scale(kind: str, seen: Sequence[Seen]) -> Scale:
     if kind == "blur":
         values = np.maximum(values, _SHARPEST)
     low, high = np.percentile(values, [_OUTLIERS, 100 - _OUTLIERS]).tolist()
-    low, high = _rounded(low, up=False), _rounded(high, up=True)
+    low, high = _rounded(low, up=False), _rounded(high, up=True) or 1.0
     if low == high:
         low, high = low / 2, high * 2
-    is_log = high > _MANY_FOLD * low
+    is_log = 0 < low < high / _MANY_FOLD
     if not is_log and kind == "blur":
         low = 0.0
     goes_on = bool(values.min() < low) or (kind == "blur" and is_log), bool(values.max() > high)
@@ -252,7 +252,9 @@ def _level_rows(seen: Seen, value: Floats, bar: Bar) -> list[Swatch]:
 
 
 def _rounded(value: float, *, up: bool) -> float:
-    """Return a number above 0 rounded to two digits, up or down."""
+    """Return a number rounded to two digits, up or down; 0 of what is not above it."""
+    if value <= 0:
+        return 0.0
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     whole = (math.ceil if up else math.floor)(round(value / step, 9))
     return float(f"{whole * step:.2g}")

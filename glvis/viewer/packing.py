@@ -29,7 +29,6 @@ from glvis.viewer.page_data import (
 )
 from glvis.visibility.filters import Refusal
 
-_MOST_FOLD = 1e-3  # of a number's largest value: less is told as so much
 _DIM_COLOR = (168, 174, 184)  # faces that do not matter while one sensor is looked at
 
 # Why a sensor does not see a face, in the few words that a line of the page has room for.
@@ -41,6 +40,8 @@ _REFUSALS = {
     Refusal.TOO_OBLIQUE: "too oblique",
     Refusal.NONE: "hidden",
 }
+
+_MOST_FOLD = 1e-3  # of a number's largest value: less is told as so much
 
 
 def packed(data: PageData) -> tuple[dict[str, Any], bytes]:
