@@ -172,7 +172,7 @@ def test_interference_stands_in_every_table_in_the_words_and_on_the_page(rich, t
 def test_plain_cameras_are_told_of_as_before_and_explained_with_their_pixel_size(plain):
     lines = list(result_lines(plain))
     assert not any("Interference" in line or "pixel size" in line for line in lines)
-    assert any("pixel size [mm]  worst 5 %" in line for line in explain_lines(plain))
+    assert any("pixel size [mm]  worst 5 % [mm]" in line for line in explain_lines(plain))
 
 
 def test_light_that_nobody_here_can_follow_is_told_and_costs_nothing_else(

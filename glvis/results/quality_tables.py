@@ -110,7 +110,7 @@ def quality_table(placement: Placement) -> tuple[list[str], list[list[str]]]:
         factor, unit = 1.0, TOLD[name]
         if not unit:
             factor, unit = fine_unit(float(np.median(known)) if known else 1.0, study.unit)
-        header += [f"{name.replace('_', ' ')} [{unit}]", f"worst {WORST:g} %"]
+        header += [f"{name.replace('_', ' ')} [{unit}]", f"worst {WORST:g} % [{unit}]"]
         for what in ("median", "worst"):
             columns.append([_digits(factor * getattr(s, what)) if s else "-" for s in spreads])
     return header, [list(row) for row in zip(*columns, strict=True)]
