@@ -24,7 +24,7 @@ SLOW = {
     "any_mesh", "bad_input", "checkpoint", "cli", "cli_results", "cluster", "compare_methods",
     "exports", "folder_safety", "gpu_check", "hostile_files", "hostile_studies", "kills",
     "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results", "python",
-    "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
+    "quality_results", "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
     "seriesplots", "starter", "streams", "swarm", "workers",
 }  # fmt: skip
 

@@ -292,13 +292,13 @@ def hit_by(rays, corners) -> int:
          (400, 300), 28),
         (FisheyeLens((500, 500), (135.0, 135.0), (249.5, 249.5), (0.02, -0.004, 0.0, 0.0)),
          (500, 500), 95),
-        (SphericalLens(2 * math.pi, (-0.6, 0.6)), (1200, 230), 170),
+        (SphericalLens(2 * math.pi, (-0.6, 0.6)), (900, 172), 170),
     ],
 )  # fmt: skip
 def test_pixels_that_show_a_face_times_pixel_size_squared_are_its_area(rng, lens, size, widest_deg):
     rays, errors = pixel_rays(lens, size), []
     sensor = Sensor("any", lens, size, 0, 1e9, distance="range")
-    for _ in range(60):
+    for _ in range(45):
         # somewhere before the lens, of some 30 to 300 pixels, tilted up to 65 degrees
         theta = math.radians(widest_deg) * math.sqrt(rng.random())
         turn = rng.uniform(0, 2 * math.pi)
@@ -326,6 +326,6 @@ def test_pixels_that_show_a_face_times_pixel_size_squared_are_its_area(rng, lens
         area = 70**2 * 0.75 * math.sqrt(3)
         if n > 30:
             errors.append(n * pixel**2 / area - 1)
-    assert len(errors) > 30
+    assert len(errors) > 20
     assert abs(np.median(errors)) < 0.01
     assert np.median(np.abs(errors)) < 0.03
