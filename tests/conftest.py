@@ -24,8 +24,8 @@ SLOW = {
     "any_mesh", "bad_input", "checkpoint", "cli", "cli_results", "cluster", "compare_methods",
     "exports", "folder_safety", "gpu_check", "hostile_files", "hostile_studies", "kills",
     "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results", "python",
-    "quality_results", "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
-    "seriesplots", "starter", "streams", "swarm", "workers",
+    "quality_results", "reach", "reproduce", "result", "rooms", "scenes", "search", "selection",
+    "series", "seriesplots", "starter", "streams", "swarm", "workers",
 }  # fmt: skip
 
 
