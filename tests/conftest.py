@@ -23,7 +23,8 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 SLOW = {
     "any_mesh", "bad_input", "catalogue", "checkpoint", "cli", "cli_results", "cluster",
     "compare_methods", "exports", "folder_safety", "gpu_check", "hostile_files", "hostile_studies",
-    "kills", "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results", "python",
+    "kills", "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results",
+    "python", "quality_results",
     "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
     "seriesplots", "starter", "streams", "swarm", "workers",
 }  # fmt: skip

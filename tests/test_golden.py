@@ -10,6 +10,9 @@ A torus over a grey pad, seen by three cameras A, B and C. To be seen in each:
 - unseen: the torus in light grey from where most of the red and striped shows, the pad as faint as
   glass, a number with a dot at each large gap and its share in the note.
 - incidence: two views of the torus alone, bright where it is seen squarely, and a colour bar.
+- pixel-size: two views of the torus alone, bright where a pixel is small, a colour bar in mm.
+- interference: the torus in grey where no camera's light reaches it, blue where one does, orange
+  and darker where two and three do, and the cameras with their frusta.
 - through: what camera A sees in blue, what it refuses in light grey, the pad in dark grey.
 - depth: the same from light (near) to dark (far), with a colour bar in mm.
 - contact: the views of all three cameras, each in a frame of its colour.
@@ -18,6 +21,7 @@ Drivers differ in pixels, so pictures are compared on Mesa's llvmpipe only, and 
 rounding may differ. Renew them by ``pytest tests/test_golden.py --update-golden``.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +30,9 @@ from PIL import Image
 from support import torus_scene
 
 from glvis.evaluation.evaluator import Evaluator
+from glvis.evaluation.interference import find_interference
 from glvis.pictures.coloring import coloring
+from glvis.pictures.qualitycolors import interference_coloring, quality_coloring
 from glvis.pictures.scenesheets import close_sheet, perspective_sheet, sides_sheet, unseen_sheet
 from glvis.pictures.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
 from glvis.pictures.stage import Stage
@@ -38,13 +44,23 @@ VISIBLE = 48  # difference of a channel, of 255, that the eye takes note of
 ALLOWED = 0.006  # share of the pixels that may differ so much: a shifted letter, no more
 
 
-def painted(sheet, kind):
+def painted_by(sheet, color):
     def make(stage):
-        colors = coloring(kind, stage.seen)
+        colors = color(stage)
         stage.paint(colors.colors)
         return sheet(stage, colors, SIZE)
 
     return make
+
+
+def painted(sheet, kind):
+    return painted_by(sheet, lambda stage: coloring(kind, stage.seen))
+
+
+def lit(stage):
+    sensors = tuple(replace(sensor, emits="infrared") for sensor in stage.study.sensors)
+    found = find_interference(replace(stage.study, sensors=sensors), stage.poses)
+    return interference_coloring(stage.seen, found, 0)
 
 
 PICTURES = {
@@ -53,6 +69,8 @@ PICTURES = {
     "overlap": painted(perspective_sheet, "overlap"),
     "unseen": painted(unseen_sheet, "unseen"),
     "incidence": painted(close_sheet, "incidence"),
+    "pixel-size": painted_by(close_sheet, lambda stage: quality_coloring("pixel-size", stage.seen)),
+    "interference": painted_by(perspective_sheet, lit),
     "through": lambda stage: sensor_sheet(stage, 0, SIZE),
     "depth": lambda stage: depth_sheet(stage, 0, SIZE),
     "contact": lambda stage: contact_sheet(stage, SIZE),

@@ -1,6 +1,7 @@
 """What readers of the page stumbled over: units, numbers, names, tables, gaps, frusta, phones."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from glvis.problem.camera import look_along
 from glvis.problem.regions import regions
 from glvis.problem.scene import Model
 from glvis.viewer.page import page_text, write_page
-from glvis.viewer.page_data import PageModel, PageObstacle, PageSensor, PageTable
+from glvis.viewer.page_data import PageModel, PageObstacle, PageQuality, PageSensor, PageTable
 
 TAN = example().sensors[0].tan_half
 
@@ -122,6 +123,35 @@ def test_shares_are_of_the_area_where_the_objective_is(show):
         headline = text_of(tab, "stats").split("\n")
         assert headline[0] == f"{100 * share:.1f} %"
         assert headline[1] == ("area seen" if by_area else "seen")
+
+
+def test_a_face_tells_how_good_its_best_view_is_or_that_of_the_sensor_looked_at(show):
+    data = example()
+    (model, _), n = data.models, np.shape(data.models[0].faces)[0]
+    sizes = np.full((2, n), 0.5)
+    sizes[1], sizes[0, 0] = 0.21, 30.0  # 0.5 lies within the scale of bytes, not at its end
+    qualities = [
+        PageQuality("# a pixel", "mm", sizes),
+        PageQuality("depth error #", "mm", np.full((2, n), 0.4)),
+        PageQuality("blur #", "px", np.full((2, n), np.nan)),
+    ]
+    model = replace(model, visible=np.ones((2, n), dtype=bool), qualities=qualities)
+    tab = show(example(models=[model]))
+    size = tab.run(f"glvis.model().qualities[0].of(0, {n // 2})")
+    assert size == pytest.approx(0.5, rel=0.01)
+    assert tab.run("glvis.model().qualities[0].of(0, 0)") == pytest.approx(30)
+    assert np.isnan(float(tab.run(f"String(glvis.model().qualities[2].of(0, {n // 2}))")))
+    words = tab.run(f"glvis.quality({n // 2}, [0, 1])").replace("\u00a0", " ")
+    assert words == "0.21 mm a pixel, depth error 0.4 mm"
+    assert tab.run(f"glvis.quality({n // 2}, [0])").startswith("0.5\u00a0mm a pixel, depth")
+    tab.run("glvis.setView('Top', 0)")
+    tab.settle()
+    at = tab.run("glvis.camera().project([-20, -20, 0])")
+    for focus, told in ((-1, f"At best {words}"), (0, "A: 0.5 mm a pixel, depth error 0.4 mm")):
+        tab.run(f"glvis.state.focus = {focus}")
+        tab.mouse("mouseMoved", at["x"] + focus, at["y"])
+        tab.settle()
+        assert told in text_of(tab, "readout")
 
 
 def test_longest_headline_fits_the_panel(show):

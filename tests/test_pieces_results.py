@@ -271,7 +271,8 @@ def test_the_page_and_the_pictures_tell_the_area(result, placement):
         data.models[0].piece_of, placement.study.models[0].pieces.file_face
     )
     assert data.models[1].piece_of is None
-    assert data.tables[-1].note.startswith("Of the area, the mean over models.")
+    (sensors,) = [table for table in data.tables if table.title == "Sensors"]
+    assert sensors.note.startswith("Of the area, the mean over models.")
     assert (result / "views" / "cube-unseen.png").is_file()
     assert (result / "report.html").is_file()
 

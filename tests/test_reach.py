@@ -318,5 +318,9 @@ def test_reach_is_told_in_the_result_on_the_page_on_the_terminal_and_by_explain(
 def test_where_nobody_looked_nothing_is_told(study, capsys):
     placement = evaluate_poses(study)
     assert placement.reach is None
-    assert [table.title for table in page_data(placement).tables] == ["Faces seen", "Sensors"]
+    assert [table.title for table in page_data(placement).tables] == [
+        "Faces seen",
+        "Sensors",
+        "How good the views are",
+    ]
     assert "out of reach" not in "\n".join(explain_lines(placement))

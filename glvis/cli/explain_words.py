@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from glvis.cli.terminal import table
+from glvis.cli.wording import quality_lines
 from glvis.problem.regions import largest_regions, regions
 from glvis.results.explain import (
     REASONS,
@@ -17,6 +18,7 @@ from glvis.results.explain import (
     values_without,
 )
 from glvis.results.mounting import DECIMALS
+from glvis.results.quality_tables import interference_words
 from glvis.results.tables import sensor_table
 from glvis.search.placement import Placement
 
@@ -24,7 +26,7 @@ _HARDLY_NEEDED = 0.5  # percent of the faces, or the area, that only one sensor 
 
 
 def explain_lines(placement: Placement) -> Iterator[str]:
-    """Yield why surface stays unseen and where, what each sensor is for, where overlap is thin."""
+    """Yield why surface stays unseen, what each sensor is for, how well it sees, thin overlap."""
     reasons = unseen_reasons(placement)
     yield from _unseen_lines(placement, reasons)
     yield ""
@@ -32,6 +34,11 @@ def explain_lines(placement: Placement) -> Iterator[str]:
     yield ""
     yield from _sensor_lines(placement)
     yield ""
+    yield from quality_lines(placement)
+    yield ""
+    if words := interference_words(placement):
+        yield words
+        yield ""
     yield from _overlap_lines(placement)
 
 

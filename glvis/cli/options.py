@@ -38,6 +38,15 @@ AllPictures = Annotated[
         help="Pictures of every model and every sensor, however many there are.",
     ),
 ]
+Colors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--color",
+        metavar="KIND",
+        help="Pictures of the models by pixel-size, density, depth-error or blur as well. May be "
+        "given many times.",
+    ),
+]
 NoMeshes = Annotated[
     bool,
     typer.Option(

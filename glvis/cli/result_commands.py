@@ -37,8 +37,8 @@ def render(
         str | None,
         typer.Option(
             metavar="KIND",
-            help="Only the pictures coloured by sensor, overlap, incidence, distance or unseen; "
-            "the others stay.",
+            help="Only the pictures coloured by sensor, overlap, incidence, distance, unseen, "
+            "pixel-size, density, depth-error, blur or interference; the others stay.",
         ),
     ] = None,
     all_pictures: AllPictures = False,

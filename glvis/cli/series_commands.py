@@ -42,6 +42,7 @@ def optimize_many(
     warnings: Callable[[Study], list[str]],
     pictures: bool,
     all_pictures: bool,
+    colors: Sequence[str],
     meshes: bool,
 ) -> None:
     """Do what ``optimize`` does, for many runs; exit code 1 where pictures failed."""
@@ -85,7 +86,7 @@ def optimize_many(
             assert study
             with series_folder(directory, plan, study.text, overwrite=overwrite):
                 done = run_all()
-        _finish(directory, plan, pictures and done, all_pictures)
+        _finish(directory, plan, pictures and done, all_pictures, colors)
 
 
 class _Teller:
@@ -124,7 +125,9 @@ class _Teller:
                 self._said.add(sentence)
 
 
-def _finish(directory: Path, plan: Plan, pictures: bool, all_pictures: bool) -> None:
+def _finish(
+    directory: Path, plan: Plan, pictures: bool, all_pictures: bool, colors: Sequence[str]
+) -> None:
     """Draw what is known, make the pictures of the best runs, and say it all."""
     from glvis.cli.series_words import series_lines
     from glvis.cli.terminal import say
@@ -140,7 +143,7 @@ def _finish(directory: Path, plan: Plan, pictures: bool, all_pictures: bool) -> 
             continue
         say(f"Making the pictures of {path.name} ...", error=True)
         try:
-            render_again(path, Look(all_pictures=all_pictures))
+            render_again(path, Look(also=tuple(colors), all_pictures=all_pictures))
             for line in left_out_lines(path):
                 say(line, error=True)
         except KeyboardInterrupt:

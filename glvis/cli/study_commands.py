@@ -9,6 +9,7 @@ import typer
 
 from glvis.cli.options import (
     AllPictures,
+    Colors,
     DryRun,
     NoMeshes,
     NoPictures,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from glvis.problem.study import Study
+    from glvis.reports.delivery import Look
     from glvis.search.placement import Placement
 
 commands = typer.Typer()
@@ -149,6 +151,7 @@ def evaluate(
     overwrite: Overwrite = False,
     no_pictures: NoPictures = False,
     all_pictures: AllPictures = False,
+    colors: Colors = None,
     no_meshes: NoMeshes = False,
 ) -> None:
     """Say what the start poses, or given ones, see; nothing is searched.
@@ -156,13 +159,14 @@ def evaluate(
     Writes study.toml (as run), result.json (poses, coverage), coverage.csv and sensors.csv
     (tables), visibility.npz (which sensor sees which face) and pictures in views/.
     """
-    from glvis.reports.delivery import Look, deliver
+    from glvis.reports.delivery import deliver
     from glvis.results.folder import result_folder
     from glvis.results.given_poses import read_given_poses
     from glvis.search.placement import evaluate_poses
     from glvis.study.loading import load_study
 
     loaded = load_study(study, overrides or ())
+    look = _look(loaded, colors, all_pictures)
     given = read_given_poses(poses, loaded) if poses else None
     warnings = _warnings(loaded)
     with result_folder(output, overwrite=overwrite) as folder:
@@ -170,7 +174,7 @@ def evaluate(
         _say_that_pictures_come(not no_pictures)
         failures = deliver(
             placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,
-            look=Look(all_pictures=all_pictures),
+            look=look,
         )  # fmt: skip
     _say_what_came(placement, output, warnings, failures)
 
@@ -230,6 +234,7 @@ def optimize(
     dry_run: DryRun = False,
     no_pictures: NoPictures = False,
     all_pictures: AllPictures = False,
+    colors: Colors = None,
     no_meshes: NoMeshes = False,
 ) -> None:
     r"""Search the poses that see most.
@@ -247,7 +252,7 @@ def optimize(
     from glvis.cli.series_commands import optimize_many
     from glvis.cli.terminal import progress_shown, say
     from glvis.evaluation.workers import available_cores
-    from glvis.reports.delivery import Look, deliver
+    from glvis.reports.delivery import deliver
     from glvis.results.folder import STUDY, result_folder, series_index, settle_folder
     from glvis.search.placement import place_sensors
     from glvis.search.reach import Sampler
@@ -282,6 +287,8 @@ def optimize(
         raise StudyError("needs STUDY and -o DIR, or --resume DIR; 'glvis optimize --help'")
     settings = [*(overrides or ()), *([] if seed is None else [f"swarm.seed={seed}"])]
     early = load_study(study, settings) if study else None  # before any folder is made
+    if early:
+        _look(early, colors, all_pictures)
     if directory and not dry_run:
         settle_folder(directory)  # it may turn out to hold a series
     if repeats or vary or dry_run or (early and early.vary) or (resume and series_index(resume)):
@@ -289,12 +296,13 @@ def optimize(
             directory, early, settings, search, options=vary or (), repeats=repeats,
             dry_run=dry_run, resume=resume is not None, extend=extend, overwrite=overwrite,
             warnings=_warnings, pictures=not no_pictures, all_pictures=all_pictures,
-            meshes=not no_meshes,
+            colors=colors or (), meshes=not no_meshes,
         )  # fmt: skip
         return
     assert directory
     with result_folder(directory, overwrite=overwrite, resume=resume is not None) as folder:
         loaded = early or load_study(folder.staging / STUDY, settings)
+        look = _look(loaded, colors, all_pictures)
         if not folder.goes_on:
             if extend:
                 raise StudyError(
@@ -309,7 +317,7 @@ def optimize(
         _say_that_pictures_come(not no_pictures)
         failures = deliver(
             placement, folder, warnings=warnings, pictures=not no_pictures, meshes=not no_meshes,
-            look=Look(all_pictures=all_pictures),
+            look=look,
         )  # fmt: skip
     _say_what_came(placement, directory, placement.warnings, failures)
 
@@ -324,6 +332,18 @@ def _warnings(study: Study) -> list[str]:
         *resolution_warnings(study),
         *large_face_warnings(study),
     ]
+
+
+def _look(study: Study, colors: Sequence[str] | None, all_pictures: bool) -> Look:
+    """Return how pictures are to look, or say what the study's sensors do not state."""
+    from glvis.pictures.qualitycolors import check_kinds
+    from glvis.reports.delivery import Look
+
+    try:
+        check_kinds(colors or (), study.sensors)
+    except ValueError as error:
+        raise StudyError(f"--{error}".replace(" = ", " ", 1)) from error
+    return Look(also=tuple(colors or ()), all_pictures=all_pictures)
 
 
 def _say_that_pictures_come(wanted: bool) -> None:

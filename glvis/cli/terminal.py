@@ -235,9 +235,9 @@ def _cell(value: object) -> str:
 
 
 def _is_text(cell: str) -> bool:
-    """Return whether a cell is no number, its unit left aside."""
+    """Return whether a cell is no number, its unit left aside; "-" stands for one."""
     try:
         float(cell.replace(",", "").rstrip(" %"))
     except ValueError:
-        return True
+        return cell != "-"
     return False

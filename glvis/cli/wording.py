@@ -15,6 +15,11 @@ from glvis.problem.study import Study
 from glvis.problem.swarm_options import SwarmOptions
 from glvis.problem.visibility_options import render_resolution
 from glvis.problem.winding import is_closed
+from glvis.results.quality_tables import (
+    has_quality_columns,
+    interference_words,
+    quality_table,
+)
 from glvis.results.tables import mean_row, model_rows, sensor_table
 from glvis.results.within_reach import reach_table, reach_words
 from glvis.search.estimate import (
@@ -248,6 +253,19 @@ def _sensor_lines(placement: Placement) -> Iterator[str]:
         ("sensor", "sees %", "only it %"),
         [(name, f"{seen:.1f}", f"{only_it:.1f}") for name, seen, only_it in rows],
     )
+    if has_quality_columns(study.sensors):
+        yield ""
+        yield from quality_lines(placement)
+    if words := interference_words(placement):
+        yield ""
+        yield words
+
+
+def quality_lines(placement: Placement) -> Iterator[str]:
+    """Yield how good the views of each sensor are."""
+    yield "How good the views are: the median over the faces that each sensor sees, and what the"
+    yield "worst of them exceed"
+    yield from table(*quality_table(placement))
 
 
 def _objective_lines(study: Study) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """Gives each face of a model a colour that means something, and the legend that says what.
 
 By sensor, by how many see it, by the smallest incidence or distance it is seen at, or by
-whether anyone sees it at all. Arrays and words only; draws nothing.
+whether anyone sees it at all; ``qualitycolors`` has how good the views are, and interference.
+Arrays and words only; draws nothing.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from glvis.common.palette import (
     OBSTACLE_COLOR,
@@ -53,12 +54,43 @@ class Swatch:
 
 @dataclass(frozen=True)
 class Bar:
-    """A colour bar over values low to high, with the name of the quantity and its unit."""
+    """A colour bar over values low to high, with the name of the quantity and its unit.
+
+    Attributes
+    ----------
+    low, high : float
+        Its ends.
+    label, unit : str
+        What it shows.
+    is_log : bool
+        Whether equal steps are equal factors; low is above 0 then.
+    is_falling : bool
+        Whether the largest values are light, as good ones are, instead of the smallest.
+    goes_on : (bool, bool)
+        Whether there are values below low, and above high.
+    """
 
     low: float
     high: float
     label: str
     unit: str
+    is_log: bool = False
+    is_falling: bool = False
+    goes_on: tuple[bool, bool] = (False, False)
+
+    def share(self, values: ArrayLike) -> Floats:
+        """Return how far along the bar values are: 0 at its low end, 1 at its high end."""
+        low, high = self.low, self.high
+        at = np.clip(np.asarray(values, dtype=float), low, high)
+        if self.is_log:
+            low, high, at = math.log(low), math.log(high), np.log(at)
+        found: Floats = (at - low) / max(high - low, 1e-300)
+        return found
+
+    def colors(self, values: ArrayLike) -> Colors:
+        """Return colours (..., 3) uint8 of values; outside, the end's."""
+        share = self.share(values)
+        return ramp_colors(1 - share if self.is_falling else share, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +237,7 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
     angle = f"{math.degrees(sensor.max_incidence):g}°"
     return Coloring(
         f"{name}: what it sees",
-        _opaque(np.where(visible[:, None], colors[s], SEEN_COLOR)),
+        opaque(np.where(visible[:, None], colors[s], SEEN_COLOR)),
         [
             Swatch(colors[s], f"seen by {name}", seen.share(visible)),
             Swatch(SEEN_COLOR, "not counted", seen.share(~visible)),
@@ -247,7 +279,7 @@ def _by_sensor(seen: Seen) -> Coloring:
         rows = [*rows[: _MAX_ROWS - 1], Swatch(rgb("#FFFFFF"), f"and {more} more")]
     return Coloring(
         "Which sensor sees which face",
-        _with_unseen(colors[which] if len(colors) else np.zeros((len(which), 3)), which < 0),
+        with_unseen(colors[which] if len(colors) else np.zeros((len(which), 3)), which < 0),
         [*rows, unseen_swatch(seen)],
         note="A face seen by several sensors has the colour of the one that sees it most "
         "squarely. Shares count every face that a sensor sees, so they overlap.",
@@ -268,7 +300,7 @@ def _by_overlap(seen: Seen) -> Coloring:
         rows.append(Swatch(colors[n], label, seen.share(part)))
     return Coloring(
         "How many sensors see a face",
-        _with_unseen(colors[counts], counts == 0),
+        with_unseen(colors[counts], counts == 0),
         rows,
         heading=seen.noun,
     )
@@ -306,13 +338,13 @@ def _by_distance(seen: Seen) -> Coloring:
 def _by_value(
     title: str, seen: Seen, value: Floats, is_unseen: NDArray[np.bool_], bar: Bar, note: str
 ) -> Coloring:
-    colors = ramp_colors(np.where(is_unseen, bar.low, value), bar.low, bar.high)
+    colors = bar.colors(np.where(is_unseen, bar.low, value))
     known = value[~is_unseen]
     if len(known):
         median = float(f"{np.median(known):.3g}")
         words = f"{number(median)}°" if bar.unit == "°" else length_words(median, bar.unit)
         note = f"Median {words}. {note}"
-    painted = _with_unseen(colors, is_unseen)
+    painted = with_unseen(colors, is_unseen)
     return Coloring(title, painted, [unseen_swatch(seen)], bar, note, seen.noun)
 
 
@@ -322,7 +354,7 @@ def _by_unseen(seen: Seen) -> Coloring:
     colors = np.broadcast_to(SEEN_COLOR, (len(is_unseen), 3))
     return Coloring(
         "What no sensor sees",
-        _with_unseen(colors, is_unseen),
+        with_unseen(colors, is_unseen),
         [
             unseen_swatch(seen),
             Swatch(SEEN_COLOR, "seen", seen.share(~is_unseen)),
@@ -342,15 +374,15 @@ _KINDS: dict[str, Callable[[Seen], Coloring]] = {
 }
 
 
-def _opaque(colors: NDArray[np.number]) -> Colors:
+def opaque(colors: NDArray[np.number]) -> Colors:
     """Return colours (F, 4) that are drawn plain."""
     rgba = np.full((len(colors), 4), 255, dtype=np.uint8)
     rgba[:, :3] = colors
     return rgba
 
 
-def _with_unseen(colors: NDArray[np.number], is_unseen: NDArray[np.bool_]) -> Colors:
+def with_unseen(colors: NDArray[np.number], is_unseen: NDArray[np.bool_]) -> Colors:
     """Return colours (F, 4), the unseen faces loud and striped."""
-    rgba = _opaque(colors)
+    rgba = opaque(colors)
     rgba[is_unseen] = [*UNSEEN_COLOR, STRIPED]
     return rgba

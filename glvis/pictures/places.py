@@ -112,6 +112,19 @@ def ticks(low: float, high: float, wanted: int = 5) -> list[float]:
     return [low, *clear, high]
 
 
+def log_ticks(low: float, high: float, wanted: int = 7) -> list[float]:
+    """Return round numbers from low to high for a scale of factors, and the two ends."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    span = math.log(high / low)
+    for steps in (_NICE, (1, 3), (1,)):
+        inner = [float(f"{n}e{k}") for k in decades for n in steps]
+        # no nearer to an end than a line of text is high
+        clear = [v for v in inner if 0.07 < math.log(v / low) / span < 0.93]
+        if len(clear) <= wanted:
+            break
+    return [low, *clear, high]
+
+
 def label_places(
     places: Floats, sizes: Sequence[tuple[float, float]], clear: float, room: tuple[int, int]
 ) -> dict[int, Floats]:

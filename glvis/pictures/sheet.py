@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from glvis.pictures.coloring import Bar, Coloring, Swatch, ramp_colors
+from glvis.pictures.coloring import Bar, Coloring, Swatch
 from glvis.pictures.places import (
     Box,
     label_places,
     length_words,
+    log_ticks,
     number,
     readable,
     round_length,
@@ -195,25 +196,30 @@ class Sheet:
         self.frame(Box(x, y, size, size), FRAME)
 
     def color_bar(self, box: Box, bar: Bar) -> int:
-        """Draw a vertical colour bar with its quantity, unit and ticks; return the row below."""
+        """Draw a bar, its light end up, with quantity, unit and ticks; return the row below."""
         unit = f" ({bar.unit})" if bar.unit else ""
         y = self.paragraph_ink(box.x, box.y, box.width, f"{bar.label}{unit}")
         width, top = self.units(26), y + self.units(12)
         height = box.bottom - top
-        values = np.linspace(bar.low, bar.high, height)[:, None]
-        colors = ramp_colors(np.repeat(values, width, axis=1), bar.low, bar.high)
-        self.paste(colors, box.x, top)
+        spaced = np.geomspace if bar.is_log else np.linspace
+        values = spaced(bar.low, bar.high, height)[:: -1 if bar.is_falling else 1, None]
+        self.paste(bar.colors(np.repeat(values, width, axis=1)), box.x, top)
         self.frame(Box(box.x, top, width, height), FRAME)
-        for value in ticks(bar.low, bar.high):
-            share = (value - bar.low) / (bar.high - bar.low)
-            at = top + round(share * (height - 1))
+        marks = (log_ticks if bar.is_log else ticks)(bar.low, bar.high)
+        for value in marks:
+            share = float(bar.share(value))
+            at = top + round((1 - share if bar.is_falling else share) * (height - 1))
             self._draw.line(
                 (box.x + width, at, box.x + width + self.units(6), at),
                 fill=INK,
                 width=max(1, self.units(1.5)),
             )
             left = box.x + width + self.units(12)
-            self.text(left, at, number(value), size=16, anchor="lm")
+            ends = zip(bar.goes_on, ("≤", "≥"), (marks[0], marks[-1]), strict=True)
+            sign = "".join(
+                f"{sign}\u202f" for goes_on, sign, end in ends if goes_on and value == end
+            )
+            self.text(left, at, sign + number(value), size=16, anchor="lm")
         return box.bottom
 
     def paragraph_ink(self, x: int, y: int, width: int, text: str) -> int:

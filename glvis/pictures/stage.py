@@ -94,6 +94,19 @@ class Stage(Held):
         centres = self.poses[:, :3, 3]
         return bool(2 * ((centres > low) & (centres < high)).all(axis=1).sum() > len(centres))
 
+    def seen_of(self, index: int, seen_map: VisibilityMap) -> Seen:
+        """Return how a model is seen, without showing it."""
+        study = self.study
+        return Seen(
+            study.models[index],
+            seen_map,
+            study.sensors,
+            self.poses,
+            study.unit,
+            study.visibility.incidence == "axis",
+            study.objective.by_area,
+        )
+
     def show(self, index: int, seen_map: VisibilityMap) -> Seen:
         """Put a model on the stage; return how it is seen."""
         model = self.study.models[index]
@@ -101,15 +114,7 @@ class Stage(Held):
             self._model.release()
         is_room = encloses(model.file, self.poses[:, :3, 3])
         self._model = Solid(model.vertices, model.faces, self.origin, has_backs=not is_room)
-        self.seen = Seen(
-            model,
-            seen_map,
-            self.study.sensors,
-            self.poses,
-            self.study.unit,
-            self.study.visibility.incidence == "axis",
-            self.study.objective.by_area,
-        )
+        self.seen = self.seen_of(index, seen_map)
         self.close_points = extreme_points(model.vertices)
         bodies = self.poses[:, None, :3, 3] + self.body_size * _CUBE
         others = [extreme_points(obstacle.vertices) for obstacle in self.study.obstacles]

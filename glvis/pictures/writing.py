@@ -10,9 +10,18 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
-from glvis.pictures.coloring import KINDS, coloring
+from glvis.evaluation.interference import Interference, find_interference, rival_groups
+from glvis.pictures.coloring import KINDS, Coloring, coloring
 from glvis.pictures.modelsheets import MODELS_A_SHEET, models_sheet
 from glvis.pictures.plots import write_convergence
+from glvis.pictures.qualitycolors import (
+    INTERFERENCE,
+    QUALITIES,
+    check_kinds,
+    interference_coloring,
+    quality_coloring,
+    quality_scale,
+)
 from glvis.pictures.scenesheets import (
     SIZE,
     close_sheet,
@@ -29,6 +38,7 @@ from glvis.search.trace import TraceRow
 from glvis.visibility.visibility_map import VisibilityMap
 
 _SURROUNDED = ("sensor", "overlap")  # colours that are also shown with the rig, from four sides
+_SHEETS = {"unseen": unseen_sheet, INTERFERENCE: perspective_sheet}  # of others close_sheet
 _SMALLEST = 200  # pixels of a sheet's side; less has no room for words
 _WAITING = 4  # sheets that may wait to be packed: they are large
 
@@ -44,7 +54,9 @@ def write_views(
     size: tuple[int, int] = SIZE,
     view: tuple[float, float] | None = None,
     color: str | None = None,
+    also: Sequence[str] = (),
     all_pictures: bool = False,
+    interference: Interference | None = None,
 ) -> list[Path]:
     """Write the pictures of placed sensors as PNG.
 
@@ -52,6 +64,7 @@ def write_views(
     ``MODEL-overlap-perspective``, ``MODEL-overlap-sides``, ``MODEL-incidence``,
     ``MODEL-distance``, ``MODEL-unseen`` and ``MODEL-contact``. For each sensor NAME, looking at
     the first of them: ``sensor-NAME`` and ``sensor-NAME-depth``. With a trace: ``convergence``.
+    Where sensors emit in one group: ``MODEL-interference``.
     Of many models or sensors only some are shown one by one, see ``selection``; then
     ``models-1``, ``models-2`` ... show all models, the least seen first.
 
@@ -75,9 +88,13 @@ def write_views(
         Azimuth and elevation, degrees, that pictures in perspective are taken from; see
         ``framing``.
     color : str, optional
-        Only the pictures of the scene with this colouring, one of ``coloring.KINDS``.
+        Only the pictures of the scene with this colouring, one of ``qualitycolors.EVERY_KIND``.
+    also : sequence of str
+        Further colourings, beside those made anyway.
     all_pictures : bool
         Whether every model and every sensor is shown, however many there are.
+    interference : Interference, optional
+        What the projectors light, if it is known already.
 
     Returns
     -------
@@ -87,10 +104,12 @@ def write_views(
     Raises
     ------
     ValueError
-        If ``color`` is none of them, there is not one map a model, or the size is too small.
+        If a colouring is none or the sensors do not state what it tells, there is not one map a
+        model, or the size is too small.
     """
-    if color is not None and color not in KINDS:
-        raise ValueError(f"color = '{color}' must be one of {', '.join(KINDS)}")
+    usual = [*KINDS, *([INTERFERENCE] if rival_groups(study.sensors) else [])]
+    kinds = [color] if color else list(dict.fromkeys([*usual, *also]))
+    check_kinds(kinds, study.sensors)
     if len(maps) != len(study.models):
         raise ValueError(f"{len(study.models)} models need as many maps, got {len(maps)}")
     if min(size) < _SMALLEST:
@@ -102,7 +121,10 @@ def write_views(
     # One thread draws while another packs what is drawn.
     with Stage(study, camera_to_world) as stage, ThreadPoolExecutor(max_workers=1) as pool:
         pending: list[Future[None]] = []
-        for name, sheet in _sheets(stage, maps, chosen, size, view, color):
+        if INTERFERENCE in kinds and interference is None:
+            interference = find_interference(study, stage.poses)
+        painter = _Painter(stage, maps, kinds, interference)
+        for name, sheet in _sheets(painter, chosen, size, view, is_whole=color is None):
             paths.append(_unused(directory, name, paths))
             pending.append(pool.submit(sheet.save, paths[-1]))
             while len(pending) > _WAITING:
@@ -126,35 +148,63 @@ def write_views(
     return paths
 
 
+class _Painter:
+    """Puts models on the stage one by one, and paints them in the colours that are wanted."""
+
+    def __init__(
+        self,
+        stage: Stage,
+        maps: Sequence[VisibilityMap],
+        kinds: Sequence[str],
+        interference: Interference | None,
+    ) -> None:
+        self.stage, self.maps, self.kinds = stage, maps, kinds
+        self._interference = interference
+        self._most = max(int(seen_map.counts.max(initial=0)) for seen_map in maps)
+        every = [stage.seen_of(m, found) for m, found in enumerate(maps)]
+        # one bar for all models, so that their pictures can be laid side by side
+        self._scales = {kind: quality_scale(kind, every) for kind in kinds if kind in QUALITIES}
+
+    def colorings(self, m: int) -> Iterator[tuple[str, Coloring]]:
+        """Show a model; yield its colourings by kind, each painted."""
+        seen = replace(self.stage.show(m, self.maps[m]), most=self._most)
+        for kind in self.kinds:
+            if kind in self._scales:
+                painted = quality_coloring(kind, seen, self._scales[kind])
+            elif kind == INTERFERENCE and self._interference:
+                painted = interference_coloring(seen, self._interference, m)
+            else:
+                painted = coloring(kind, seen)
+            self.stage.paint(painted.colors)
+            yield kind, painted
+
+
 def _sheets(
-    stage: Stage,
-    maps: Sequence[VisibilityMap],
+    painter: _Painter,
     chosen: Chosen,
     size: tuple[int, int],
     view: tuple[float, float] | None,
-    color: str | None,
+    *,
+    is_whole: bool,
 ) -> Iterator[tuple[str, Sheet]]:
-    """Yield the sheets with their names, each ready to be saved."""
-    most = max(int(seen_map.counts.max(initial=0)) for seen_map in maps)
+    """Yield the sheets with their names, each ready to be saved; whole: not of one colour only."""
+    stage, maps = painter.stage, painter.maps
     for m in chosen.models:
-        seen = replace(stage.show(m, maps[m]), most=most)
-        model = seen.model.name
-        for kind in [color] if color else KINDS:
-            painted = coloring(kind, seen)
-            stage.paint(painted.colors)
+        model = stage.study.models[m].name
+        for kind, painted in painter.colorings(m):
             if kind in _SURROUNDED:
                 yield f"{model}-{kind}-perspective", perspective_sheet(stage, painted, size, view)
                 yield f"{model}-{kind}-sides", sides_sheet(stage, painted, size, view)
             else:
-                lay_out = unseen_sheet if kind == "unseen" else close_sheet
+                lay_out = _SHEETS.get(kind, close_sheet)
                 yield f"{model}-{kind}", lay_out(stage, painted, size, view)
-        if color is None:
+        if is_whole:
             yield f"{model}-contact", contact_sheet(stage, size)
             for s in chosen.sensors if m == chosen.models[0] else ():
                 name = stage.study.sensor_names[s]
                 yield f"sensor-{name}", sensor_sheet(stage, s, size)
                 yield f"sensor-{name}-depth", depth_sheet(stage, s, size)
-    if color is None and len(chosen.models) < len(maps):
+    if is_whole and len(chosen.models) < len(maps):
         order = worst_models(stage.study, maps)
         starts = range(0, len(order), MODELS_A_SHEET)
         for page, start in enumerate(starts, start=1):

@@ -231,6 +231,12 @@ class Pinhole(Lens):
         x, y = 2 * np.asarray(u, dtype=float) - 1, 1 - 2 * np.asarray(v, dtype=float)
         return unit_length(np.stack(np.broadcast_arrays(tan_x * x, tan_y * y, 1.0)))
 
+    def image_a_steradian(self, x: ArrayLike, y: ArrayLike, depth: ArrayLike) -> Floats:
+        """Return the share of the image that a steradian takes, fx fy / cos^3 off the axis."""
+        x, y = tangents_of(x, y, depth)
+        of_axis = self.focal[0] * self.focal[1]
+        return of_axis * (1 + x * x + y * y) ** 1.5
+
 
 @dataclass(frozen=True)
 class SphericalLens(Lens):
@@ -286,12 +292,12 @@ class SphericalLens(Lens):
         return np.stack([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
 
     def image_a_steradian(self, x: ArrayLike, y: ArrayLike, depth: ArrayLike) -> Floats:
-        """Return the share of the image that a steradian takes at directions (...)."""
+        """Return the share of the image that a steradian takes: rows crowd towards the poles."""
+        x, y, depth = (np.asarray(one, dtype=float) for one in (x, y, depth))
         level = np.hypot(x, depth)
-        low, high = self.elevation
-        with np.errstate(divide="ignore"):  # infinite at the poles
-            share: Floats = np.hypot(level, y) / level / (self.azimuth * (high - low))
-        return share
+        level = level / np.where(level > 0, np.hypot(level, y), np.nan)  # cosine of the elevation
+        across, up = self.focal
+        return across * up / level
 
     @cached_property
     def windows(self) -> Windows:

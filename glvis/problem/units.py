@@ -18,6 +18,8 @@ _MM_PER_3MF_UNIT = {
     "foot": 304.8,
     "meter": 1000.0,
 }
+_IMPERIAL = ("in", "inch", "ft")
+_FEW_MICROMETRES = 0.02  # millimetres below which these are told in micrometres
 UPS = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 _ROOT_3MF = re.compile(r"<(?:\w+:)?model\b[^>]*?\bunit\s*=\s*[\"'](\w+)[\"']")
 _HEAD = 1 << 16  # bytes of a 3MF's model in which its first element stands
@@ -116,3 +118,25 @@ def _mm_per_3mf_unit(path: Path) -> float:
 def unit_word(unit: str) -> str:
     """Return a unit as it stands in a sentence: "mm", but "inches", as "in" reads as a word."""
     return "inches" if unit in ("in", "inch") else unit
+
+
+def fine_unit(length: float, unit: str) -> tuple[float, str]:
+    """Return the unit that suits a small length, and the factor from another one to it.
+
+    Parameters
+    ----------
+    length : float
+        Of the kind to be told, in ``unit``.
+    unit : str
+        Of the study. Metric ones give way to µm, mm or m, feet to inches.
+    """
+    if unit in _IMPERIAL:
+        return MM_PER_UNIT[unit] / MM_PER_UNIT["in"], "in"
+    if unit not in MM_PER_UNIT:
+        return 1.0, unit
+    millimetres = MM_PER_UNIT[unit] * length
+    if millimetres < _FEW_MICROMETRES:
+        return 1000 * MM_PER_UNIT[unit], "µm"
+    if millimetres < MM_PER_UNIT["m"]:
+        return MM_PER_UNIT[unit], "mm"
+    return MM_PER_UNIT[unit] / MM_PER_UNIT["m"], "m"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from glvis.common.files import in_one_line
 from glvis.common.hints import command
 from glvis.errors import MachineError, StudyError
+from glvis.evaluation.interference import rival_groups
 from glvis.pictures.selection import chosen_pictures
 from glvis.pictures.writing import SIZE, write_views
 from glvis.reports.export_surfaces import write_surfaces
@@ -17,6 +18,7 @@ from glvis.reports.report import page_data
 from glvis.results.export_poses import write_exports, write_poses
 from glvis.results.folder import EXPORTS, INDEX, VIEWS, ResultFolder, renewed_files, result_folder
 from glvis.results.mounting import mounting_lines
+from glvis.results.quality_tables import known_interference
 from glvis.results.reading import read_result
 from glvis.results.result import write_data, write_summary
 from glvis.search.placement import Placement
@@ -41,6 +43,8 @@ class Look:
         Azimuth and elevation, degrees, of pictures in perspective; None chooses.
     color : str or None
         Only the pictures with this colouring.
+    also : tuple of str
+        Further colourings, beside those made anyway.
     all_pictures : bool
         Every model and sensor, however many there are.
     """
@@ -48,6 +52,7 @@ class Look:
     size: tuple[int, int] = SIZE
     view: tuple[float, float] | None = None
     color: str | None = None
+    also: tuple[str, ...] = ()
     all_pictures: bool = False
 
 
@@ -108,7 +113,7 @@ def deliver(
     ]
     try:
         write_data(placement, directory)
-        failures = []
+        failures = [*_unknown_interference(placement)]
         for what, write, names, hint in wanted if pictures else wanted[:-1]:
             if problem := _problem_of(what, write):
                 for name in names:
@@ -187,7 +192,9 @@ def write_pictures(placement: Placement, directory: Path, look: Look | None = No
         size=look.size,
         view=look.view,
         color=look.color,
+        also=look.also,
         all_pictures=look.all_pictures,
+        interference=placement.interference,
     )
 
 
@@ -207,6 +214,12 @@ def _left_out(placement: Placement, look: Look | None) -> list[str]:
     if not chosen.left_out:
         return []
     return [f"Pictures: {'; '.join(chosen.left_out)}; '{_COMMAND}' makes all"]
+
+
+def _unknown_interference(placement: Placement) -> Iterator[str]:
+    """Yield a sentence where projectors may disturb each other and nobody here can say."""
+    if rival_groups(placement.study.sensors) and known_interference(placement) is None:
+        yield "how projectors disturb each other is not told: there is no OpenGL here"
 
 
 def _write_for_others(placement: Placement, directory: Path, meshes: bool) -> None:

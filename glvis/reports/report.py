@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+import numpy as np
+
+from glvis.evaluation.view_quality import quality_of_views
+from glvis.problem.units import fine_unit
 from glvis.results.explain import refusals_of
 from glvis.results.mounting import mounting_lines
+from glvis.results.quality_tables import (
+    TOLD,
+    interference_table,
+    interference_words,
+    known_names,
+    quality_rows,
+    quality_table,
+)
 from glvis.results.result import versions
 from glvis.results.tables import mean_row, model_rows, sensor_table
 from glvis.results.within_reach import reach_table, reach_words
@@ -14,12 +26,16 @@ from glvis.viewer.page_data import (
     PageData,
     PageModel,
     PageObstacle,
+    PageQuality,
     PageSensor,
     PageTable,
     PageTrace,
 )
 
 _SHARES = {"percentage": "seen %", "area_percentage": "area seen %"}
+# What the page says of the view of a face; # is the number with its unit.
+_READINGS = {"pixel_size": "# a pixel", "depth_error": "depth error #", "blur": "blur #"}
+_MOST_VIEWS = 1 << 25  # faces times sensors; a byte of the page for each number of each of them
 _COUNTS = {
     "total": "faces",
     "unique_seen": "unique seen",
@@ -42,8 +58,11 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
                 found.visible,
                 model.pieces.file_face if model.pieces else None,
                 refusals_of(model, study, placement.camera_to_world),
+                qualities,
             )
-            for model, found in zip(study.models, placement.maps, strict=True)
+            for model, found, qualities in zip(
+                study.models, placement.maps, _qualities(placement), strict=True
+            )
         ],
         sensors=[
             PageSensor(
@@ -61,7 +80,13 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
             )
         ],
         obstacles=[PageObstacle(m.name, m.vertices, m.faces) for m in study.obstacles],
-        tables=[_coverage(placement), *_reach(placement), _sensors(placement)],
+        tables=[
+            _coverage(placement),
+            *_reach(placement),
+            _sensors(placement),
+            _quality(placement),
+            *_interference(placement),
+        ],
         trace=_trace(placement),
         facts=[*_facts(placement), *(("Pictures", text) for text in _bare(left_out))],
         mounting=mounting_lines(placement),
@@ -115,6 +140,42 @@ def _sensors(placement: Placement) -> PageTable:
         rows,
         f"Of the {noun}, the mean over models. What only it sees would be lost without it.",
     )
+
+
+def _quality(placement: Placement) -> PageTable:
+    return PageTable(
+        "How good the views are",
+        *quality_table(placement),
+        "The median over the faces that each sensor sees, and what the worst of them exceed.",
+    )
+
+
+def _interference(placement: Placement) -> list[PageTable]:
+    table = interference_table(placement)
+    return [PageTable("Interference", *table, f"{interference_words(placement)}.")] if table else []
+
+
+def _qualities(placement: Placement) -> Iterator[list[PageQuality]]:
+    """Yield how good each sensor's view of each face is, model by model; nothing of too many."""
+    study = placement.study
+    n_views = len(study.sensors) * sum(model.n_faces for model in study.models)
+    rows = quality_rows(placement) if n_views <= _MOST_VIEWS else []
+    units: dict[str, tuple[float, str]] = {}
+    for name in known_names(study.sensors) if rows else []:
+        typical = [spread.median for row in rows if (spread := row.numbers[name])]
+        length = float(np.median(typical)) if typical else 1.0
+        units[name] = (1.0, "px") if TOLD[name] else fine_unit(length, study.unit)
+    for model in study.models:
+        if not units:
+            yield []
+            continue
+        views = quality_of_views(
+            model.centroids, model.normals, placement.camera_to_world, study.sensors
+        )
+        yield [
+            PageQuality(_READINGS[name], unit, np.float32(factor * views.of(name)))
+            for name, (factor, unit) in units.items()
+        ]
 
 
 def _trace(placement: Placement) -> PageTrace | None:

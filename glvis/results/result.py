@@ -27,6 +27,15 @@ from glvis.problem.scene import Model
 from glvis.problem.visibility_options import render_resolution
 from glvis.results.folder import INDEX, STUDY, write_index
 from glvis.results.journal import files_below, write_whole
+from glvis.results.quality_tables import (
+    INTERFERENCE,
+    WORST,
+    QualityRow,
+    interference_of_model,
+    known_interference,
+    quality_columns,
+    quality_rows,
+)
 from glvis.results.tables import mean_row, mean_terms, model_rows, sensor_rows
 from glvis.results.within_reach import reach_rows
 from glvis.search.placement import Placement, TraceRow
@@ -61,17 +70,19 @@ def write_data(placement: Placement, directory: Path) -> None:
     shares = [f"seen_by_{n}_percentage" for n in range(1, len(study.sensor_names) + 1)]
     columns = ["seen_by_all_cameras", "unique_seen", "total", "percentage", "area_percentage"]
     mean = mean_row(rows)
+    lit = [row["area_percentage"] for row in _interference(placement) if row]
     write_csv(
         directory / COVERAGE,
-        ["model", *columns, *shares[1:], "value"],
+        ["model", *columns, *shares[1:], "value", *([INTERFERENCE] if lit else [])],
         [
             [
                 row.name,
                 *(getattr(row, name) for name in columns),
                 *(100 * share for share in row.shares_seen_by[1:]),
                 row.terms["value"],
+                *lit[m : m + 1],
             ]
-            for row in rows
+            for m, row in enumerate(rows)
         ]
         + [
             [
@@ -79,18 +90,20 @@ def write_data(placement: Placement, directory: Path) -> None:
                 *(mean[name] for name in columns),
                 *(100 * mean[f"share_seen_by_{n + 1}"] for n in range(1, len(shares))),
                 mean_terms(rows)["value"],
+                *([float(np.mean(lit))] if lit else []),
             ]
         ],
     )
     sensors = sensor_rows(study.models, placement.maps)
     kinds = [sensor.name for sensor in study.sensors]
     numbers = _sensor_columns(study.models)
+    further, quality = quality_columns(placement)
     write_csv(
         directory / SENSORS,
-        ["sensor", "kind", *numbers],
+        ["sensor", "kind", *numbers, *further],
         [
-            [row.name, kind, *(getattr(row, name) for name in numbers)]
-            for row, kind in zip(sensors, kinds, strict=True)
+            [row.name, kind, *(getattr(row, name) for name in numbers), *more]
+            for row, kind, more in zip(sensors, kinds, quality, strict=True)
         ],
     )
     write_csv(directory / TRACE, TraceRow._fields, placement.trace)
@@ -235,15 +248,21 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
                     for resolution in [render_resolution(study.visibility, sensor)]
                 },
                 **_pieces_of(model, found),
+                **({"interference": light} if light else {}),
                 **_file_of(model),
             }
-            for row, model, found in zip(rows, study.models, placement.maps, strict=True)
+            for row, model, found, light in zip(
+                rows, study.models, placement.maps, _interference(placement), strict=True
+            )
         ],
         "mean": mean_row(rows),
         "obstacles": [{"name": model.name, **_file_of(model)} for model in study.obstacles],
         "sensors": [
             {name: getattr(row, name) for name in ("name", *_sensor_columns(study.models))}
-            for row in sensor_rows(study.models, placement.maps)
+            | {"quality": _quality(row_of_views)}
+            for row, row_of_views in zip(
+                sensor_rows(study.models, placement.maps), quality_rows(placement), strict=True
+            )
         ],
         "search": {
             "stop_reason": placement.stop_reason,
@@ -267,6 +286,20 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
         },
         "versions": versions(),
     }
+
+
+def _quality(row: QualityRow) -> dict[str, Any]:
+    """Return how good a sensor's views are, lengths in the study's unit, blur in pixels."""
+    return {
+        name: spread and {"median": spread.median, f"worst_{WORST:g}_percent": spread.worst}
+        for name, spread in row.numbers.items()
+    }
+
+
+def _interference(placement: Placement) -> list[dict[str, Any] | None]:
+    """Return how projectors disturb each other on each model, None where none do."""
+    found, n = known_interference(placement), len(placement.study.models)
+    return [interference_of_model(found, placement, m) if found else None for m in range(n)]
 
 
 def _reach(placement: Placement) -> dict[str, Any] | None:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from glvis.common.notebook import html_table
 from glvis.evaluation.cluster import ClusterMaps
 from glvis.evaluation.evaluator import Evaluator
+from glvis.evaluation.interference import Interference, find_interference
 from glvis.evaluation.workers import Workers
 from glvis.problem.camera import angles_from_direction, position_direction_roll
 from glvis.problem.pieces import noun_of_shares, share_of
@@ -101,6 +103,11 @@ class Placement:
     workers: int = 1
     warnings: tuple[str, ...] = ()
     reach: Reach | None = None
+
+    @cached_property
+    def interference(self) -> Interference | None:
+        """How projectors disturb each other, None where no two could; asked once, by OpenGL."""
+        return find_interference(self.study, self.camera_to_world)
 
     def __repr__(self) -> str:
         return (

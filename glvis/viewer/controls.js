@@ -235,11 +235,13 @@ function showReadout(hit, x, y) {
         : element('td', { colspan: 2 }, r.why), r.on ? null : element('td', {}, 'off'));
     const order = readings.map((_, s) => s).sort((a, b) => readings[b].sees - readings[a].sees);
     const seen = readings.filter((r) => r.sees && r.on).length;
-    node.replaceChildren(
+    const one = state.focus, quality = qualityWords(mesh, hit.face, one >= 0 ? [one] : order.filter((s) => readings[s].on));
+    node.replaceChildren(...[
       element('p', {}, element('b', {}, seen ? `Seen by ${seen} of ${sensors.length}` : 'Seen by nobody'), element('span', {}, mesh.pieceOf ? `piece of face ${number(mesh.pieceOf[hit.face], 0)}` : `face ${number(hit.face, 0)}`)),
       element('table', {}, element('thead', {}, element('tr', {}, element('th', {}, 'Sensor'), element('th', {}, 'Distance'), element('th', {}, 'Incidence'))),
         element('tbody', {}, order.slice(0, narrow ? 4 : 12).map((s) => line(readings[s], s)))),
-      element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${area(mesh.areas[hit.face], study.unit)}`));
+      quality ? element('p', { class: 'note quality' }, one >= 0 ? `${sensors[one].name}: ${quality}` : `${seen > 1 ? 'At best ' : ''}${quality}`) : null,
+      element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${area(mesh.areas[hit.face], study.unit)}`)].filter(Boolean));
   } else if (hit.kind === 'sensor') {
     node.replaceChildren(element('p', {}, element('b', {}, sensors[hit.sensor].name), element('span', {}, sensors[hit.sensor].kind)), element('p', { class: 'note' }, 'Click to look through it'));
   } else node.replaceChildren(element('p', {}, element('b', {}, hit.name), element('span', {}, 'obstacle')));

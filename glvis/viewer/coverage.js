@@ -22,6 +22,14 @@ function faceSeenFrom(mesh, face, sensor, incidence) {
   return { ray, depth: dot(ray, sensor.direction), cosine: -dot(normal, along) };
 }
 
+/** How good a view of a face is, in words, by the best of some sensors that see it; '' where nothing is known. */
+function qualityWords(mesh, face, some) {
+  return mesh.qualities.map(({ label, unit, of }) => {
+    const best = Math.min(...some.filter((s) => mesh.sees(s, face)).map((s) => of(s, face)).filter(Number.isFinite));
+    return Number.isFinite(best) ? label.replace('#', `${twoDigits(best)}\u00a0${unit}`) : '';
+  }).filter(Boolean).join(', ');
+}
+
 /** Everything the page tells about one model with some sensors on; amounts are faces, or area where any are cut. */
 function coverage(mesh, sensors, on) {
   const S = sensors.length, F = mesh.nFaces;

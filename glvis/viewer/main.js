@@ -330,6 +330,7 @@ window.glvis = {
   }),
   state, pickAt, setMode, setModel, setSensor, setView, lookThrough, leaveSensor, show,
   read: (face) => readFace(models[state.model], face),
+  quality: (face, some) => qualityWords(models[state.model], face, some),
   frame: () => camera.frame(sensors[state.through]),
   covered: () => covered,
   aims: () => aims,

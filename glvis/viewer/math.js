@@ -64,6 +64,9 @@ function significant(x) {
   return number(x, digits, digits);
 }
 
+/** A number with two significant digits, or all of those before the point. */
+const twoDigits = (x) => number(x, x > 0 ? clamp(1 - Math.floor(Math.log10(x * (1 + 1e-12))), 0, 12) : 0);
+
 const METRIC = { mm: 1, cm: 10, m: 1000 }; // in millimetres
 
 /** An area for readers, in the metric unit that suits `like`: 0.00167 m² are 1,670 mm². */

@@ -36,6 +36,11 @@ function readMesh(bytes, entry) {
   return {
     name: entry.name, nFaces: entry.nFaces, vertices, faces, pieceOf,
     sees: (sensor, face) => (bits[sensor * stride + (face >> 3)] >> (face & 7)) & 1,
+    qualities: (entry.qualities ?? []).map(({ label, unit, low, high, steps }) => ({ label, unit, // NaN where there is none
+      of: (sensor, face) => {
+        const step = bytes[steps + sensor * entry.nFaces + face];
+        return step ? low * (high / low) ** ((step - 1) / 254) : NaN;
+      } })),
     refusal: (sensor, face) => (entry.refusals === undefined ? -1 : bytes[entry.refusals + sensor * entry.nFaces + face]),
   };
 }

@@ -22,6 +22,7 @@ from glvis.viewer.page_data import (
     PageData,
     PageModel,
     PageObstacle,
+    PageQuality,
     PageSensor,
     PageTable,
     PageTrace,
@@ -41,6 +42,8 @@ _REFUSALS = {
     Refusal.TURNED_FROM_PARTNER: "turned from the partner",
     Refusal.NONE: "hidden",
 }
+
+_MOST_FOLD = 1e-3  # of a number's largest value: less is told as so much
 
 
 def packed(data: PageData) -> tuple[dict[str, Any], bytes]:
@@ -99,7 +102,7 @@ def _pack_model(
     """Append a model to the bytes and return where it lies; mesh.js reads it back.
 
     To what a mesh has come a map, one bit a face; the faces that pieces belong to, as differences,
-    which never fall; and the refusals, a byte each.
+    which never fall; and the refusals and how good each view is, a byte each.
     """
     visible = _checked_map(model, n_sensors)
     entry = _pack_mesh(blob, origin, model)
@@ -118,7 +121,35 @@ def _pack_model(
             )
         refusals[visible] = Refusal.OUTSIDE
         entry["refusals"] = _append(blob, refusals.tobytes())
+    entry["qualities"] = [_pack_quality(blob, one, visible) for one in model.qualities]
     return entry
+
+
+def _pack_quality(
+    blob: bytearray, quality: PageQuality, visible: NDArray[np.bool_]
+) -> dict[str, Any]:
+    """Append a number of each view as a byte and return where it lies; mesh.js reads it back.
+
+    0 is none; 1 to 255 are equal factors from low to high, as two digits are all that is told.
+    """
+    values = np.array(quality.values, dtype=float)
+    if values.shape != visible.shape:
+        raise ValueError(
+            f"the values of '{quality.label}' must have shape {visible.shape}, got {values.shape}"
+        )
+    known = visible & np.isfinite(values)
+    high = float(values[known].max(initial=0.0)) or 1.0
+    low = max(float(values[known].min(initial=high)), _MOST_FOLD * high)
+    steps = np.zeros(visible.shape, dtype=np.uint8)
+    share = np.log(np.maximum(values[known], low) / low) / (math.log(high / low) or 1.0)
+    steps[known] = 1 + np.round(254 * share)
+    return {
+        "label": quality.label,
+        "unit": quality.unit,
+        "low": low,
+        "high": high,
+        "steps": _append(blob, steps.tobytes()),
+    }
 
 
 def _pack_mesh(

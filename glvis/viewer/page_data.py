@@ -10,6 +10,25 @@ from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
+class PageQuality:
+    """A number that tells how well each sensor sees each face, the smallest being the best.
+
+    Attributes
+    ----------
+    label : str
+        What is said, with # for the number and its unit, such as "depth error #".
+    unit : str
+        Of the values.
+    values : (S, F) float
+        NaN where there is none.
+    """
+
+    label: str
+    unit: str
+    values: ArrayLike = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
 class PageModel:
     """A model and its visibility map.
 
@@ -29,6 +48,8 @@ class PageModel:
     refusals : (S, F) int or None
         Which filter of each sensor refuses each face first, by ``filters.Refusal``; without them
         the page does not say why a face is not seen.
+    qualities : sequence of PageQuality
+        How good each view is, told of the face under the pointer.
     """
 
     name: str
@@ -37,6 +58,7 @@ class PageModel:
     visible: ArrayLike = field(repr=False)
     piece_of: ArrayLike | None = field(default=None, repr=False)
     refusals: ArrayLike | None = field(default=None, repr=False)
+    qualities: Sequence[PageQuality] = ()
 
 
 @dataclass(frozen=True, eq=False)
