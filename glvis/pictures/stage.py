@@ -172,7 +172,7 @@ class Stage(Held):
         points = self.close_points
         if with_rig:
             frusta = frustum_corners(self.poses, self.study.sensors, self.body_size, self.aims())
-            points = np.concatenate([self.rig_points, frusta.reshape(-1, 3)])
+            points = np.concatenate([self.rig_points, *frusta])
         return fitted_eye(self.study.up, view, points, size[0] / size[1])
 
     def sensor_eye(self, s: int) -> Eye:
