@@ -41,6 +41,7 @@ UNSEEN_COLOR = rgb("#FF0055")  # faces that no sensor sees
 SEEN_COLOR = rgb("#C9CED6")  # faces that are seen, where only the unseen ones matter
 OBSTACLE_COLOR = rgb("#6B7079")
 _SLATE, _TOWARDS_SLATE = rgb("#3C4350"), 0.55  # of second tones
+NO_RAY = rgb("#3F4247")  # pixels on which nothing falls: the lens ends before them
 OVERLAP_COLORS = np.array([UNSEEN_COLOR, *map(rgb, _OVERLAP_RAMP)])  # counts 0, 1, ... 6
 
 
