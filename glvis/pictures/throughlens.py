@@ -22,7 +22,7 @@ Colors = NDArray[np.uint8]
 
 SAMPLES = 2  # a pixel along each side, looked up one by one and averaged
 _WIDER = 1.1  # windows are drawn so much wider: outlines and crevices look at what is beside
-_FINER = 1.25  # pixels of a window, of those of the image at its middle
+_FINER = 1.6  # pixels of a window, of those of the image at its middle
 _LARGEST = 4096  # pixels of a window's side
 _CELLS = 256  # along each side of the grid between whose nodes directions are straight
 
