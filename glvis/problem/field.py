@@ -51,10 +51,12 @@ class Field:
 
     def at(self, directions: Floats, reach: float) -> Floats:
         """Return where directions (N, 3) end, (N, 3): at a depth of the sensor, or a range."""
-        if not self.is_flat:
-            return self.centre + reach * directions / np.linalg.norm(directions, axis=1)[:, None]
-        along = np.maximum(reach + self.centre[2], 0.0)  # never behind the centre
-        return self.centre + directions * (along / -directions[:, 2:])
+        if self.is_flat:
+            along = np.maximum(reach + self.centre[2], 0.0)  # never behind the centre
+            ends = directions * (along / -directions[:, 2:])
+        else:
+            ends = directions * (reach / np.linalg.norm(directions, axis=1)[:, None])
+        return ends + self.centre if self.centre.any() else ends  # -0.0 stays what it is
 
     def corners(self, reach: float) -> Floats:
         """Return all points (N, 3) of the borders at a reach."""

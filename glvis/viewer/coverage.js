@@ -19,7 +19,7 @@ function readSensor(entry) {
   };
   if (sensor.second) { // its pose is given in the frame of the first
     const { right, up, direction, center } = axesOf(sensor.second.pose), turned = (v) => sub(placeOf(sensor, v), sensor.center);
-    Object.assign(sensor.second, { right: turned(right), up: turned(up), direction: turned(direction), center: placeOf(sensor, center), rgb: rgbOf(sensor.second.color) });
+    Object.assign(sensor.second, { right: turned(right), up: turned(up), direction: turned(direction), center: placeOf(sensor, center), rgb: rgbOf(sensor.second.colors[Number(matchMedia('(prefers-color-scheme: dark)').matches)]) });
   }
   return sensor;
 }

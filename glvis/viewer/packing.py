@@ -197,7 +197,7 @@ def _whole(sensor: Sensor, color: NDArray[np.uint8]) -> dict[str, Any]:
             "field": _field(second),
             "pose": sensor.partner and sensor.partner.partner_to_sensor.tolist(),
             "body": sensor.partner and body_tangents(sensor.partner.lens).tolist(),
-            "color": hex_color(second_tones(color[None])[0]),
+            "colors": [hex_color(second_tones(color, on_dark=dark)) for dark in (False, True)],
             "common": [border.round(_DIGITS).tolist() for border in shared if len(border)],
         },
     }
