@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -137,8 +138,7 @@ def _directions(lens: Lens, u: Floats, v: Floats) -> Floats:
     By a grid of places and straight lines between them, with an error of a hundredth of a pixel;
     by the lens itself where the field ends.
     """
-    nodes = np.linspace(0, 1, _CELLS + 1)
-    known = lens.directions(nodes[None, :], nodes[:, None])
+    known = _at_nodes(lens)
     (left, a), (top, b) = _cells(u), _cells(v)
     rows = known[:, top] * (1 - b)[:, None] + known[:, top + 1] * b[:, None]
     found = rows[:, :, left] * (1 - a) + rows[:, :, left + 1] * a
@@ -155,6 +155,13 @@ def _directions(lens: Lens, u: Floats, v: Floats) -> Floats:
     row, column = np.nonzero(unsure)
     found[:, row, column] = lens.directions(u[column], v[row])
     return found
+
+
+@lru_cache(maxsize=4)
+def _at_nodes(lens: Lens) -> Floats:
+    """Return the directions (3, N, N) of the grid's nodes."""
+    nodes = np.linspace(0, 1, _CELLS + 1)
+    return lens.directions(nodes[None, :], nodes[:, None])
 
 
 def _cells(share: Floats) -> tuple[Places, Floats]:

@@ -128,8 +128,8 @@ def _field(lens: Lens, pose: Floats, by_range: bool) -> Field:
             return flat
     border = _to_camera(lens.outline(_A_SIDE)[::-1].T)  # as corners go: from below left
     is_narrow = bool((-border[:, 2] > math.cos(WIDEST)).all())
-    round_places = 2 if lens.has_blind_corners else 1  # a round field has no corners
-    rays = border[_A_SIDE - 1 :: _A_SIDE // round_places]
+    step = _A_SIDE // 2 if lens.has_blind_corners else _A_SIDE  # a round field has no corners
+    rays = border[step - 1 :: step]
     lines = ((_closed(border),), () if is_narrow and not by_range else _cross(lens), rays)
     field = _turned(lines, pose, is_flat=is_narrow and not by_range)
     if field.is_flat and not (field.borders[0][:, 2] < 0).all():

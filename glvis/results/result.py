@@ -30,6 +30,7 @@ from glvis.results.journal import files_below, write_whole
 from glvis.results.tables import mean_row, mean_terms, model_rows, sensor_rows
 from glvis.results.within_reach import reach_rows
 from glvis.search.placement import Placement, TraceRow
+from glvis.study.schema import sensor_table
 from glvis.visibility.folding import fold_counts, folded, seen_share
 from glvis.visibility.visibility_map import VisibilityMap
 
@@ -243,7 +244,10 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
         "obstacles": [{"name": model.name, **_file_of(model)} for model in study.obstacles],
         "sensors": [
             {name: getattr(row, name) for name in ("name", *_sensor_columns(study.models))}
-            for row in sensor_rows(study.models, placement.maps)
+            | ({} if sensor.is_ideal else sensor_table(sensor))
+            for row, sensor in zip(
+                sensor_rows(study.models, placement.maps), study.sensors, strict=True
+            )
         ],
         "search": {
             "stop_reason": placement.stop_reason,
