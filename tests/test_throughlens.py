@@ -131,6 +131,7 @@ def test_distances_are_those_of_the_board_and_nothing_where_there_is_no_ray(
     name, distance, stage_of
 ):
     stage, lens, size = stage_of(name, distance)
+    size = (size[0] // 2, size[1] // 2)
     found, samples = stage.sensor_distances(0, size)
     assert found.shape == (size[1] * samples, size[0] * samples)
     u, v = ((np.arange(n * samples) + 0.5) / (n * samples) for n in size)
@@ -143,7 +144,7 @@ def test_distances_are_those_of_the_board_and_nothing_where_there_is_no_ray(
         hits = (depth > 0) & (np.maximum(abs(x), abs(y)) / depth * DEPTH < half) & ~differs
         beside = has_ray & ~((depth > 0) & (np.maximum(abs(x), abs(y)) / depth * DEPTH < half + 4))
     expected = DEPTH / depth[hits] if distance == "range" else np.full(hits.sum(), DEPTH)
-    assert hits.sum() > 1000
+    assert hits.sum() > 500
     np.testing.assert_allclose(found[hits], expected, rtol=0.02 if distance == "range" else 2e-3)
     assert np.median(np.abs(found[hits] / expected - 1)) < 2e-3
     assert np.isinf(found[beside & ~differs]).all()

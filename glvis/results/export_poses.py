@@ -144,7 +144,8 @@ def _beyond_pinhole(sensor: Sensor, matrix: Floats) -> dict[str, Any]:
     return {
         "lens": sensor.lens.kind,
         "model": pixels.model if pixels else "",
-        "distortion": " ".join(map(str, pixels.coefficients if pixels else ())),
+        # in brackets: of a text that begins with a minus spreadsheets would make a formula
+        "distortion": str(list(pixels.coefficients)) if pixels else "",
         "hfov_deg": across,
         "vfov_deg": up,
         "distance": sensor.distance,
