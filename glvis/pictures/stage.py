@@ -244,8 +244,7 @@ class Stage(Held):
         images = [self.depth(eye, needed)[0] for eye in self._window_eyes(s)]
         found = np.zeros((size[1] * SAMPLES, size[0] * SAMPLES), dtype=np.float32)
         for sample in look_ups(sensor.lens, size):
-            factor = sample.range if sensor.distance == "range" else sample.depth
-            values = sample.values(images) * factor
+            values = sample.distances(images, by_range=sensor.distance == "range")
             found[sample.row :: SAMPLES, sample.column :: SAMPLES] = values
         return found, SAMPLES
 

@@ -36,31 +36,53 @@ class LookUp:
     ----------
     row, column : int
         Of the sample in its pixel.
+    windows : Windows
+        As they are drawn.
     window : (H, W) int
-        Which window; -1 where the pixel has no ray.
+        Which of them; -1 where the pixel has no ray.
     u, v : (H, W) float64
         Shares of the window's width and height, from the left and from the top.
-    depth, range : (H, W) float64
-        Along the lens's axis, and from its centre, of what has depth 1 in the window.
     """
 
     row: int
     column: int
+    windows: Windows
     window: Places
     u: Floats
     v: Floats
-    depth: Floats
-    range: Floats
 
-    def values(self, images: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
-        """Return the values (H, W) of images, one a window, as they are; NaN where no ray is."""
-        height, width = images[0].shape
+    def distances(
+        self, depths: Sequence[NDArray[np.float32]], *, by_range: bool
+    ) -> NDArray[np.float32]:
+        """Return depths along the lens's axis, or ranges from its centre, (H, W).
+
+        Parameters
+        ----------
+        depths : sequence of (h, w) float32
+            Along the axis of each window; the nearest one counts, where it lies itself.
+        by_range : bool
+            Whether to return ranges.
+
+        Returns
+        -------
+        distances : (H, W) float32
+            NaN where there is no ray.
+        """
+        height, width = depths[0].shape
         row = np.clip((self.v * height).astype(np.intp), 0, height - 1)
         column = np.clip((self.u * width).astype(np.intp), 0, width - 1)
+        tan_x, tan_y = self.windows.tan_half.tolist()
+        x = (2 * (np.arange(width) + 0.5) / width - 1) * tan_x
+        y = (1 - 2 * (np.arange(height) + 0.5) / height) * tan_y
         found = np.full(self.window.shape, np.nan, dtype=np.float32)
-        for k, image in enumerate(images):
+        for k, (image, turn) in enumerate(zip(depths, self.windows.window_to_camera, strict=True)):
             here = self.window == k
-            found[here] = image[row[here], column[here]]
+            i, j = row[here], column[here]
+            a, b = x[j], y[i]
+            back = turn[2, 0] * a + turn[2, 1] * b - turn[2, 2]
+            factor = np.sqrt(a * a + b * b + 1) if by_range else -back
+            # what is at no depth is at none along any axis
+            found[here] = np.where(np.isinf(image[i, j]), np.inf, image[i, j] * factor)
         return found
 
     def colors(self, images: Sequence[Colors], missing: Colors) -> NDArray[np.float32]:
@@ -110,7 +132,7 @@ def look_ups(lens: Lens, size: tuple[int, int]) -> Iterator[LookUp]:
         x, y, depth = _directions(lens, u, v)
         window = np.full(x.shape, -1, dtype=np.intp)
         best = np.full(x.shape, np.inf)
-        at = [np.zeros_like(x) for _ in range(3)]  # u, v, depth along the window's axis
+        at = [np.zeros_like(x) for _ in range(2)]  # u, v
         for k, turn in enumerate(windows.window_to_camera):
             right, up, back = np.tensordot(turn.T, np.stack([x, y, -depth]), axes=1)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -118,12 +140,9 @@ def look_ups(lens: Lens, size: tuple[int, int]) -> Iterator[LookUp]:
             off_axis = np.maximum(np.abs(a), np.abs(b))
             nearer = (back < 0) & (off_axis <= 1) & (off_axis < best)
             window[nearer], best[nearer] = k, off_axis[nearer]
-            for kept, new in zip(at, ((1 + a) / 2, (1 - b) / 2, -back), strict=True):
+            for kept, new in zip(at, ((1 + a) / 2, (1 - b) / 2), strict=True):
                 kept[nearer] = new[nearer]
-        has_ray = window >= 0
-        along = np.where(has_ray, at[2], 1.0)
-        length = np.sqrt(x * x + y * y + depth * depth)
-        yield LookUp(row, column, window, at[0], at[1], depth / along, length / along)
+        yield LookUp(row, column, windows, window, *at)
 
 
 def range_factors(lens: Lens, size: tuple[int, int]) -> Floats:
