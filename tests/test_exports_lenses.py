@@ -21,6 +21,7 @@ from glvis.problem.calibrated_lens import FisheyeLens, OpenCVLens
 from glvis.problem.camera import rigid_inverse
 from glvis.problem.lens import Pinhole, SphericalLens
 from glvis.problem.sensor import Partner, Sensor
+from glvis.reports.delivery import save
 from glvis.reports.export_surfaces import write_surfaces
 from glvis.results.calibrations import calibration, unknown_elsewhere
 from glvis.results.export_poses import write_exports, write_poses
@@ -411,3 +412,12 @@ def test_result_and_mounting_name_the_second_viewpoint(plain, tmp_path):
     x, y, z = (placement.camera_to_world[0] @ PAIR.partner.partner_to_sensor)[:3, 3]
     (line,) = [line for line in mounting_lines(placement) if line.startswith("  imager")]
     assert [float(v) for v in re.findall(r"-?\d+\.\d+", line)] == pytest.approx([x, y, z], abs=1e-3)
+
+
+def test_delivery_says_what_no_export_holds(plain, tmp_path):
+    placement = placed(plain, sensor("spin", LIDAR, (1800, 16)), *plain.study.sensors[1:])
+    told = save(placement, tmp_path / "out", overwrite=False, pictures=False, meshes=False)
+    assert told == unknown_elsewhere(placement.study.sensors)
+    warnings = json.loads((tmp_path / "out" / "result.json").read_text())["warnings"]
+    assert warnings[-1:] == told
+    assert (tmp_path / "out" / "exports" / "colmap" / "images.txt").is_file()

@@ -13,7 +13,7 @@ import pytest
 from support import torus_scene
 
 from glvis.common.palette import NO_RAY
-from glvis.pictures.sensorsheets import contact_sheet, depth_sheet, lens_words, sensor_sheet
+from glvis.pictures.sensorsheets import contact_sheet, depth_sheet, sensor_sheet, sensor_words
 from glvis.pictures.stage import Stage
 from glvis.pictures.throughlens import SAMPLES, look_ups, window_size
 from glvis.problem.calibrated_lens import FisheyeLens, OpenCVLens
@@ -203,13 +203,13 @@ def test_sheets_are_as_wide_as_the_image_is(name, stage_of):
 
 def test_words_say_lens_range_and_second_viewpoint(ring_study):
     cam = ring_study.sensors[0]
-    assert lens_words(cam, "mm") == "cam · 320 × 240 pixels · 50° × 38° · 100 to 420\u00a0mm"
+    assert sensor_words(cam, "mm") == "cam · 320 × 240 pixels · 50° × 38° · 100 to 420\u00a0mm"
     lidar = replace(cam, lens=LENSES["lidar"][0], resolution=(1800, 16), distance="range")
-    assert lens_words(lidar, "mm") == (
+    assert sensor_words(lidar, "mm") == (
         "cam · 1800 × 16 pixels · 360° × 100° by azimuth and elevation · "
         "100 to 420\u00a0mm from its centre"
     )
     pair = replace(cam, partner=Partner((55, 0, 0), cam.lens, role="projector"))
-    assert lens_words(pair, "mm").endswith("· projector 55\u00a0mm beside")
-    assert "fisheye" in lens_words(replace(cam, lens=ROUND), "mm")
-    assert "with distortion" in lens_words(replace(cam, lens=DISTORTED), "mm")
+    assert sensor_words(pair, "mm").endswith("· projector 55\u00a0mm beside")
+    assert "fisheye" in sensor_words(replace(cam, lens=ROUND), "mm")
+    assert "with distortion" in sensor_words(replace(cam, lens=DISTORTED), "mm")

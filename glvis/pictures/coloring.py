@@ -22,6 +22,7 @@ from glvis.common.palette import (
     sensor_colors,
 )
 from glvis.pictures.places import length_words, number
+from glvis.problem.field import partner_words
 from glvis.problem.pieces import noun_of_shares, share_of
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
@@ -209,7 +210,9 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
     sensor = seen.sensors[s]
     name = seen.map.sensor_names[s]
     angle = f"{math.degrees(sensor.max_incidence):g}°"
-    beside = f", or not seen by its {sensor.partner.role}" if sensor.partner else ""
+    last = "hidden, or outside the picture"
+    if sensor.partner:
+        last = f"hidden, outside the picture, or not seen by its {partner_words(sensor)}"
     return Coloring(
         f"{name}: what it sees",
         _opaque(np.where(visible[:, None], colors[s], SEEN_COLOR)),
@@ -219,7 +222,7 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
         ],
         note=f"Not counted: nearer than {length_words(sensor.min_distance, seen.unit)}, "
         f"farther than {length_words(sensor.max_distance, seen.unit)}, more oblique than {angle}, "
-        f"hidden, or outside the picture{beside}.",
+        f"{last}.",
         heading=seen.noun,
     )
 

@@ -15,19 +15,13 @@ from glvis.pictures.places import Box, grid, length_words, number
 from glvis.pictures.scenesheets import SIZE, neutral_rows, subtitle
 from glvis.pictures.sheet import Sheet
 from glvis.pictures.stage import Stage
-from glvis.problem.field import image_aspect
-from glvis.problem.lens import Pinhole
+from glvis.problem.field import image_aspect, lens_words, partner_words
 from glvis.problem.sensor import Sensor
 
 Colors = NDArray[np.uint8]
 
 _BAND = 4.0  # width over height beyond which a picture takes all the width of a sheet
 _BAND_LEGEND = 420  # units, width of the legend under it
-_KINDS = {
-    "opencv": "with distortion",
-    "fisheye": "fisheye",
-    "spherical": "by azimuth and elevation",
-}
 _NEARER, _FARTHER, _NOTHING = rgb("#6E7480"), rgb("#C3C8D0"), rgb("#FFFFFF")
 
 
@@ -114,18 +108,18 @@ def contact_sheet(stage: Stage, size: tuple[int, int] = SIZE) -> Sheet:
     return sheet
 
 
-def lens_words(sensor: Sensor, unit: str) -> str:
+def sensor_words(sensor: Sensor, unit: str) -> str:
     """Return a sensor in a line: pixels, opening, lens and working range."""
     lens = sensor.lens
     hfov, vfov = (math.degrees(v) for v in lens.opening)
     pixels = f"{sensor.resolution[0]} × {sensor.resolution[1]} pixels"
-    kind = "" if isinstance(lens, Pinhole) else f" {_KINDS.get(lens.kind, lens.kind)}"
+    kind = f" {bent}" if (bent := lens_words(lens)) else ""
     reach = f"{number(sensor.min_distance)} to {length_words(sensor.max_distance, unit)}"
     reach += " from its centre" if sensor.distance == "range" else ""
     words = [sensor.name, pixels, f"{hfov:.4g}° × {vfov:.4g}°{kind}", reach]
     if sensor.partner:
         baseline = length_words(float(f"{sensor.partner.baseline:.4g}"), unit)
-        words.append(f"{sensor.partner.role} {baseline} beside")
+        words.append(f"{partner_words(sensor)} {baseline} beside")
     return " · ".join(words)
 
 
@@ -152,7 +146,7 @@ def _sensor_page(
     total = height + gap + needed if is_band else needed
     sheet = Sheet((2 * margin + beside + width, top + total + bottom), blank.unit)
     sheet.heading(
-        f"{painted.title} of {stage.seen.model.name}", lens_words(sensor, stage.study.unit)
+        f"{painted.title} of {stage.seen.model.name}", sensor_words(sensor, stage.study.unit)
     )
     box = Box(margin, top, width, height)
     if not is_band:

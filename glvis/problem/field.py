@@ -25,6 +25,25 @@ _MERIDIAN = math.radians(45)  # at least so many lines of azimuth on a band
 _POLE = math.radians(89)  # elevation beyond which a row of the image is a point
 
 
+_LENSES = {
+    "pinhole": "",
+    "opencv": "with distortion",
+    "fisheye": "fisheye",
+    "spherical": "by azimuth and elevation",
+}
+_ROLES = {"imager": "second imager"}
+
+
+def lens_words(lens: Lens) -> str:
+    """Return what follows the opening angles of a lens in a line; nothing for a pinhole."""
+    return _LENSES.get(lens.kind, lens.kind)
+
+
+def partner_words(sensor: Sensor) -> str:
+    """Return what the second viewpoint of a sensor is called; nothing where there is none."""
+    return _ROLES.get(sensor.partner.role, sensor.partner.role) if sensor.partner else ""
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
     """The lines of what one optical centre sees, as directions (N, 3) of any length.

@@ -173,15 +173,13 @@ function showThrough() {
   byId('back').focus({ preventScroll: true });
 }
 
-const LENSES = { opencv: 'with distortion', fisheye: 'fisheye', spherical: 'by azimuth and elevation' };
-
 /** What one looks through: opening, range, and what of it a pinhole's picture cannot show. */
 function throughWords(sensor) {
   const angle = (t) => number(degrees(2 * Math.atan(t)), 1), pinhole = `${sensor.tan_half.map(angle).join(' × ')}°`;
   const reach = `${number(sensor.min_distance)} to ${number(sensor.max_distance)} ${study.unit}${sensor.distance === 'range' ? ' from its centre' : ''}`;
   if (sensor.lens === 'pinhole') return `${pinhole}, ${reach}`;
   const own = sensor.opening.map((a) => number(a, 1)).join(' × ');
-  return `${own}° ${LENSES[sensor.lens]}, ${reach}; drawn without distortion, ${pinhole}`;
+  return `${own}° ${sensor.words}, ${reach}; drawn without distortion, ${pinhole}`;
 }
 
 // ---------------------------------------------------------------- overlays that follow the camera

@@ -19,7 +19,15 @@ from glvis.common.palette import (
     second_tones,
     sensor_colors,
 )
-from glvis.problem.field import Field, body_tangents, common_border, field_of, partner_field
+from glvis.problem.field import (
+    Field,
+    body_tangents,
+    common_border,
+    field_of,
+    lens_words,
+    partner_field,
+    partner_words,
+)
 from glvis.problem.sensor import Sensor
 from glvis.problem.units import unit_word
 from glvis.viewer.page_data import (
@@ -187,13 +195,14 @@ def _whole(sensor: Sensor, color: NDArray[np.uint8]) -> dict[str, Any]:
     shared = [common_border(sensor, at) for at in (sensor.min_distance, sensor.max_distance)]
     return {
         "lens": lens.kind,
+        "words": lens_words(lens),
         "opening": np.degrees(lens.opening).round(6).tolist(),
         "distance": sensor.distance,
         "body": body_tangents(lens).tolist(),
         "field": _field(field_of(sensor)),
         "second": second
         and {
-            "role": sensor.partner and sensor.partner.role,
+            "role": partner_words(sensor),
             "field": _field(second),
             "pose": sensor.partner and sensor.partner.partner_to_sensor.tolist(),
             "body": sensor.partner and body_tangents(sensor.partner.lens).tolist(),
