@@ -17,10 +17,21 @@ A torus over a grey pad, seen by three cameras A, B and C. To be seen in each:
 - depth: the same from light (near) to dark (far), with a colour bar in mm.
 - contact: the views of all three cameras, each in a frame of its colour.
 
+Of other lenses and of pairs, in the same three poses:
+
+- pair: at A a second, smaller body in a darker blue at the end of a line, both fields as far as the
+  ring or nearly, the second's in broken lines, and a strong blue border of what both see; at B the
+  two thin rings of a lidar about an orange body, at C the round rim of a fisheye.
+- fisheye: the ring small in the middle of a white circle in dark grey corners, and a legend that
+  says that the lens ends there.
+- lidar: a band all the width of the sheet with the ring in the middle, cut off below, light (near)
+  to dark (far); under it a colour bar and, beside that, three greys.
+
 Drivers differ in pixels, so pictures are compared on Mesa's llvmpipe only, and loosely: fonts and
 rounding may differ. Renew them by ``pytest tests/test_golden.py --update-golden``.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +47,9 @@ from glvis.pictures.qualitycolors import interference_coloring, quality_coloring
 from glvis.pictures.scenesheets import close_sheet, perspective_sheet, sides_sheet, unseen_sheet
 from glvis.pictures.sensorsheets import contact_sheet, depth_sheet, sensor_sheet
 from glvis.pictures.stage import Stage
+from glvis.problem.calibrated_lens import FisheyeLens
+from glvis.problem.lens import SphericalLens
+from glvis.problem.sensor import Partner
 from glvis.visibility.context import gl_info
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -77,19 +91,66 @@ PICTURES = {
 }
 
 
+PICTURES_OF_LENSES = {
+    "pair": painted(perspective_sheet, "sensor"),
+    "fisheye": lambda stage: sensor_sheet(stage, 2, SIZE),
+    "lidar": lambda stage: depth_sheet(stage, 1, SIZE),
+}
+
+
 @pytest.fixture(scope="module")
-def stage(tmp_path_factory):
+def study_and_map(tmp_path_factory):
     study = torus_scene.ring_study(tmp_path_factory.mktemp("golden"))
     with Evaluator(study) as evaluator:
         (seen,) = evaluator.visibility(np.zeros(0))
+    return study, seen
+
+
+@pytest.fixture(scope="module")
+def stage(study_and_map):
+    study, seen = study_and_map
     with Stage(study, torus_scene.start_poses(study)) as stage:
+        stage.show(0, seen)
+        yield stage
+
+
+@pytest.fixture(scope="module")
+def stage_of_lenses(study_and_map):
+    """A pair, a lidar and a fisheye where the cameras stood, with the cameras' map."""
+    study, seen = study_and_map
+    cam = study.sensors[0]
+    end = math.radians(95)
+    sensors = (
+        replace(cam, partner=Partner((90, 0, 0), cam.lens, role="projector")),
+        replace(
+            cam,
+            lens=SphericalLens(2 * math.pi, (-0.26, 0.26)),
+            resolution=(1800, 16),
+            distance="range",
+        ),
+        replace(
+            cam,
+            lens=FisheyeLens((400, 400), (110, 110), (199.5, 199.5), (), end),
+            resolution=(400, 400),
+        ),
+    )
+    with Stage(replace(study, sensors=sensors), torus_scene.start_poses(study)) as stage:
         stage.show(0, seen)
         yield stage
 
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_picture_is_as_it_was_judged(name, stage, request, tmp_path):
-    picture = PICTURES[name](stage).pixels()
+    assert_as_judged(PICTURES[name](stage).pixels(), name, request, tmp_path)
+
+
+@pytest.mark.parametrize("name", PICTURES_OF_LENSES)
+def test_picture_of_a_lens_is_as_it_was_judged(name, stage_of_lenses, request, tmp_path):
+    made = PICTURES_OF_LENSES[name](stage_of_lenses).pixels()
+    assert_as_judged(made, name, request, tmp_path)
+
+
+def assert_as_judged(picture, name, request, tmp_path):
     path = GOLDEN / f"{name}.png"
     if request.config.getoption("--update-golden"):
         GOLDEN.mkdir(exist_ok=True)

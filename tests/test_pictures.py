@@ -367,10 +367,11 @@ def test_frusta_end_inside_the_picture(ring):
     study, poses, maps = ring
     with Stage(study, poses) as stage:
         stage.show(0, maps[0])
-        corners = frustum_corners(poses, study.sensors, stage.body_size, stage.aims())
+        ends = frustum_corners(poses, study.sensors, stage.body_size, stage.aims())
+        corners = np.concatenate(ends)
         for view in stage.views().values():
             eye = stage.eye(view, (320, 200), with_rig=True)
-            pixels = eye.project(corners.reshape(-1, 3), (320, 200))
+            pixels = eye.project(corners, (320, 200))
             assert ((pixels >= 0) & (pixels <= [320, 200])).all()
 
 

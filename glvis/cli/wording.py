@@ -10,6 +10,7 @@ import numpy as np
 from glvis.cli.terminal import duration, table
 from glvis.errors import MachineError
 from glvis.evaluation.checks import Told, said_once
+from glvis.problem.field import lens_words, partner_words
 from glvis.problem.pieces import pieces_words
 from glvis.problem.study import Study
 from glvis.problem.swarm_options import SwarmOptions
@@ -61,10 +62,13 @@ def study_lines(study: Study) -> Iterator[str]:
     for name, sensor in kinds.items():
         own = [n for n, s in zip(study.sensor_names, study.sensors, strict=True) if s is sensor]
         opening = np.degrees(sensor.lens.opening)
+        kind = f" {words}" if (words := lens_words(sensor.lens)) else ""
+        measured = " from its centre" if sensor.distance == "range" else ""
+        beside = f"{partner_words(sensor)} beside, " if sensor.partner else ""
         yield (
-            f"  {name}: {opening[0]:.4g} x {opening[1]:.4g} deg, "
+            f"  {name}: {opening[0]:.4g} x {opening[1]:.4g} deg{kind}, {beside}"
             f"{sensor.resolution[0]} x {sensor.resolution[1]} pixels, "
-            f"{sensor.min_distance:g} to {sensor.max_distance:g} {unit}, incidence up to "
+            f"{sensor.min_distance:g} to {sensor.max_distance:g} {unit}{measured}, incidence up to "
             f"{np.degrees(sensor.max_incidence):.4g} deg; {len(own)} of them: {', '.join(own)}"
         )
     yield ""

@@ -40,6 +40,8 @@ def hex_color(color: Colors) -> str:
 UNSEEN_COLOR = rgb("#FF0055")  # faces that no sensor sees
 SEEN_COLOR = rgb("#C9CED6")  # faces that are seen, where only the unseen ones matter
 OBSTACLE_COLOR = rgb("#6B7079")
+_SLATE, _PALE_SLATE, _TOWARDS_SLATE = rgb("#3C4350"), rgb("#D2D8E2"), 0.55  # of second tones
+NO_RAY = rgb("#3F4247")  # pixels on which nothing falls: the lens ends before them
 OVERLAP_COLORS = np.array([UNSEEN_COLOR, *map(rgb, _OVERLAP_RAMP)])  # counts 0, 1, ... 6
 
 
@@ -48,6 +50,13 @@ def sensor_colors(n: int) -> Colors:
     table = [rgb(color) for color in OKABE_ITO + _EXTENSION]
     table += [_spare_color(i) for i in range(n - len(table))]
     return np.array(table[:n], dtype=np.uint8).reshape(n, 3)
+
+
+def second_tones(colors: Colors, *, on_dark: bool = False) -> Colors:
+    """Return the second tones (N, 3) of colours (N, 3): what belongs to them but is not they."""
+    slate = _PALE_SLATE if on_dark else _SLATE
+    mixed = (1 - _TOWARDS_SLATE) * np.asarray(colors, dtype=float) + _TOWARDS_SLATE * slate
+    return np.round(mixed).astype(np.uint8)
 
 
 def overlap_colors(n: int) -> Colors:

@@ -23,6 +23,7 @@ from glvis.common.palette import (
     sensor_colors,
 )
 from glvis.pictures.places import length_words, number
+from glvis.problem.field import partner_words
 from glvis.problem.pieces import noun_of_shares, share_of
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
@@ -175,9 +176,15 @@ class Seen:
         return np.arccos(np.clip(cos, -1, 1))
 
     def depth(self, s: int) -> Floats:
-        """Return each centroid's distance along the axis of sensor ``s``, (F,) scene unit."""
+        """Return each centroid's distance as sensor ``s`` measures it, (F,) scene unit.
+
+        Along the optical axis, or from the optical centre where its range is one.
+        """
         pose = self.camera_to_world[s]
-        return (pose[:3, 3] - self.model.centroids) @ pose[:3, 2]
+        away = pose[:3, 3] - self.model.centroids
+        if self.sensors[s].distance == "range":
+            return np.asarray(np.linalg.norm(away, axis=1))
+        return away @ pose[:3, 2]
 
     def least(self, quantity: Callable[[int], Floats]) -> tuple[Floats, NDArray[np.int64]]:
         """Return the smallest of a quantity over the sensors that see a face, and which one.
@@ -235,6 +242,9 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
     sensor = seen.sensors[s]
     name = seen.map.sensor_names[s]
     angle = f"{math.degrees(sensor.max_incidence):g}°"
+    last = "hidden, or outside the picture"
+    if sensor.partner:
+        last = f"hidden, outside the picture, or not seen by its {partner_words(sensor)}"
     return Coloring(
         f"{name}: what it sees",
         opaque(np.where(visible[:, None], colors[s], SEEN_COLOR)),
@@ -244,7 +254,7 @@ def seen_by_one(seen: Seen, s: int, colors: Colors) -> Coloring:
         ],
         note=f"Not counted: nearer than {length_words(sensor.min_distance, seen.unit)}, "
         f"farther than {length_words(sensor.max_distance, seen.unit)}, more oblique than {angle}, "
-        "hidden, or outside the picture.",
+        f"{last}.",
         heading=seen.noun,
     )
 
@@ -321,17 +331,25 @@ def _by_incidence(seen: Seen) -> Coloring:
     )
 
 
+_MEASURED = {
+    "depth": "along the optical axis",
+    "range": "from the optical centre",
+    "depth and range": "along the optical axis, or from the centre where it measures range,",
+}
+
+
 def _by_distance(seen: Seen) -> Coloring:
     value, which = seen.least(seen.depth)
     low = min((sensor.min_distance for sensor in seen.sensors), default=0.0)
     high = max((sensor.max_distance for sensor in seen.sensors), default=1.0)
+    kinds = " and ".join(sorted({sensor.distance for sensor in seen.sensors})) or "depth"
     return _by_value(
         "From how far a face is seen",
         seen,
         value,
         which < 0,
         Bar(low, high, "smallest distance", seen.unit),
-        "Distance along the optical axis of the nearest sensor that sees the face.",
+        f"Distance {_MEASURED[kinds]} of the nearest sensor that sees the face.",
     )
 
 

@@ -36,11 +36,14 @@ class Eye:
         Projection.
     focus : (3,) float64
         World point in the middle of what is shown; lengths are true there.
+    light : (3,) float64, optional
+        World direction towards the light; without it over the viewer's left shoulder.
     """
 
     camera_to_world: Floats
     camera_to_clip: Floats
     focus: Floats
+    light: Floats | None = None
 
     @property
     def is_parallel(self) -> bool:

@@ -247,7 +247,7 @@ class Canvas(Held):
         self._shade.viewport = (0, 0, *self._fine)
         self._shade.clear(*_BACKGROUND, 1.0, depth=1.0)
         pose = eye.camera_to_world
-        key = pose[:3, :3] @ np.asarray(_KEY_LIGHT)
+        key = pose[:3, :3] @ np.asarray(_KEY_LIGHT) if eye.light is None else eye.light
         program["world_to_clip"].write(_columns_first(_from_origin(eye, origin)))
         program["eye"] = tuple(pose[:3, 2] if eye.is_parallel else pose[:3, 3] - origin)
         program["eye_is_near"] = 0.0 if eye.is_parallel else 1.0

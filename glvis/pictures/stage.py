@@ -11,12 +11,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glvis.common.palette import OBSTACLE_COLOR, sensor_colors
+from glvis.common.palette import NO_RAY, OBSTACLE_COLOR, sensor_colors
 from glvis.pictures.coloring import Seen
 from glvis.pictures.framing import Eye, View, fitted_eye, standard_views, towards_eye
 from glvis.pictures.glyphs import frustum_corners, sensor_bodies, sensor_lines
 from glvis.pictures.shading import Canvas, Lines, Solid
+from glvis.pictures.throughlens import SAMPLES, look_ups, range_factors, wider, window_size
 from glvis.problem.camera import projection_matrix
+from glvis.problem.lens import Pinhole
 from glvis.problem.study import Study
 from glvis.problem.winding import encloses
 from glvis.visibility.context import Held
@@ -87,6 +89,16 @@ class Stage(Held):
         return _BODY * float(np.linalg.norm(np.ptp(points, axis=0)))
 
     @cached_property
+    def centres(self) -> Floats:
+        """Optical centres of sensors, then of their second viewpoints, (N, 3) world frame."""
+        seconds = [
+            sensor.partner.poses(pose)[:3, 3]
+            for sensor, pose in zip(self.study.sensors, self.poses, strict=True)
+            if sensor.partner
+        ]
+        return np.concatenate([self.poses[:, :3, 3], np.array(seconds).reshape(-1, 3)])
+
+    @cached_property
     def is_room(self) -> bool:
         """Whether sensors look from within, so that people look in through backs of walls."""
         low = np.min([model.bounds[0] for model in self.study.models], axis=0)
@@ -116,7 +128,7 @@ class Stage(Held):
         self._model = Solid(model.vertices, model.faces, self.origin, has_backs=not is_room)
         self.seen = self.seen_of(index, seen_map)
         self.close_points = extreme_points(model.vertices)
-        bodies = self.poses[:, None, :3, 3] + self.body_size * _CUBE
+        bodies = self.centres[:, None] + self.body_size * _CUBE
         others = [extreme_points(obstacle.vertices) for obstacle in self.study.obstacles]
         self.rig_points = np.concatenate([self.close_points, bodies.reshape(-1, 3), *others])
         self._aims: Floats | None = None
@@ -177,20 +189,69 @@ class Stage(Held):
         points = self.close_points
         if with_rig:
             frusta = frustum_corners(self.poses, self.study.sensors, self.body_size, self.aims())
-            points = np.concatenate([self.rig_points, frusta.reshape(-1, 3)])
+            points = np.concatenate([self.rig_points, *frusta])
         return fitted_eye(self.study.up, view, points, size[0] / size[1])
 
     def sensor_eye(self, s: int) -> Eye:
-        """Return the eye of sensor ``s``: what it sees, as it sees it."""
-        sensor, pose = self.study.sensors[s], self.poses[s]
+        """Return the eye of sensor ``s``, as a pinhole: what it sees, as it sees it."""
+        return self._eye_of(s, self.poses[s], self.study.sensors[s].lens.tan_half)
+
+    def _eye_of(self, s: int, pose: Floats, tan_half: Floats, light: Floats | None = None) -> Eye:
+        """Return the eye at a pose about the centre of sensor ``s``, which gives it its range."""
+        sensor = self.study.sensors[s]
         points = [part.vertices for part in (self.seen.model, *self.study.obstacles)]
         depth = np.concatenate([(pose[:3, 3] - p) @ pose[:3, 2] for p in points])
         reach = sensor.max_distance
         far = float(np.clip(1.01 * depth.max(), reach, _FAR * reach))
         near = float(np.clip(0.9 * depth.min(), _CLIP_NEAR * reach, 0.5 * far))
-        clip = projection_matrix(sensor.lens.tan_half, near, far)
+        clip = projection_matrix(tan_half, near, far)
         middle = (sensor.min_distance + sensor.max_distance) / 2
-        return Eye(pose, clip, pose[:3, 3] - middle * pose[:3, 2])
+        return Eye(pose, clip, pose[:3, 3] - middle * pose[:3, 2], light)
+
+    def _window_eyes(self, s: int) -> list[Eye]:
+        """Return the eyes of the windows of a sensor's lens, all under one light."""
+        windows = wider(self.study.sensors[s].lens.windows)
+        # over the shoulder is another place for each of several
+        light = None if windows.is_straight else np.asarray(self.study.up, dtype=float)
+        pose = np.tile(self.poses[s], (len(windows), 1, 1))
+        pose[:, :3, :3] = pose[:, :3, :3] @ windows.window_to_camera
+        return [self._eye_of(s, one, windows.tan_half, light) for one in pose]
+
+    def sensor_picture(self, s: int, size: tuple[int, int], *, pixel: float = 1.0) -> Colors:
+        """Return the image (H, W, 3) uint8 of sensor ``s``, by its own lens.
+
+        Where its lens has no ray stands ``NO_RAY``. All else as for ``picture``.
+        """
+        lens = self.study.sensors[s].lens
+        if isinstance(lens, Pinhole):
+            return self.picture(self.sensor_eye(s), size, pixel=pixel)
+        needed = window_size(lens, size)
+        scaled = pixel * needed[1] / size[1] if len(lens.windows) == 1 else pixel
+        images = [self.picture(eye, needed, pixel=scaled) for eye in self._window_eyes(s)]
+        total = np.zeros((size[1], size[0], 3), dtype=np.float32)
+        for sample in look_ups(lens, size):
+            total += sample.colors(images, NO_RAY)
+        return np.round(total / SAMPLES**2).astype(np.uint8)
+
+    def sensor_distances(self, s: int, size: tuple[int, int]) -> tuple[NDArray[np.float32], int]:
+        """Return what sensor ``s`` measures: depths or ranges, and samples a pixel along a side.
+
+        As ``depth`` returns them; NaN where its lens has no ray.
+        """
+        sensor = self.study.sensors[s]
+        if isinstance(sensor.lens, Pinhole):
+            depths, samples = self.depth(self.sensor_eye(s), size)
+            if sensor.distance == "range":
+                fine = (size[0] * samples, size[1] * samples)
+                depths = (depths * range_factors(sensor.lens, fine)).astype(np.float32)
+            return depths, samples
+        needed = window_size(sensor.lens, size)
+        images = [self.depth(eye, needed)[0] for eye in self._window_eyes(s)]
+        found = np.zeros((size[1] * SAMPLES, size[0] * SAMPLES), dtype=np.float32)
+        for sample in look_ups(sensor.lens, size):
+            values = sample.distances(images, by_range=sensor.distance == "range")
+            found[sample.row :: SAMPLES, sample.column :: SAMPLES] = values
+        return found, SAMPLES
 
     def picture(
         self,

@@ -15,6 +15,7 @@ from glvis.pictures.selection import chosen_pictures
 from glvis.pictures.writing import SIZE, write_views
 from glvis.reports.export_surfaces import write_surfaces
 from glvis.reports.report import page_data
+from glvis.results.calibrations import unknown_elsewhere
 from glvis.results.export_poses import write_exports, write_poses
 from glvis.results.folder import EXPORTS, INDEX, VIEWS, ResultFolder, renewed_files, result_folder
 from glvis.results.mounting import mounting_lines
@@ -119,6 +120,7 @@ def deliver(
                 for name in names:
                     _remove(directory / name)
                 failures.append(problem + hint)
+        failures += unknown_elsewhere(placement.study.sensors)
         write_summary(placement, directory, [*warnings, *failures])
     except OSError as error:
         raise MachineError(f"{folder.path}: cannot be written to: {error.strerror}") from error

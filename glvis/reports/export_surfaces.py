@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.common.palette import OBSTACLE_COLOR, sensor_colors
+from glvis.common.palette import OBSTACLE_COLOR, second_tones, sensor_colors
 from glvis.pictures.coloring import Seen, coloring
+from glvis.problem.field import Field, field_of, partner_field
+from glvis.problem.lens import Lens, Pinhole
 from glvis.problem.rotations import quaternion, rotation_between
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.problem.units import MM_PER_UNIT
+from glvis.results.calibrations import partner_size
 from glvis.results.export_poses import PIECES, surface_names
 from glvis.search.placement import Placement
 from glvis.visibility.folding import fold, folded
@@ -168,6 +172,25 @@ def write_glb(path: Path, placement: Placement, colors: list[Colors]) -> None:
     path.write_bytes(writer.packed())
 
 
+def _field_lines(field: Field, near: float, far: float) -> tuple[Floats, NDArray[np.int64]]:
+    """Return points (N, 3) of a field's lines, camera frame, and the edges (M, 2) between them."""
+    if field.is_flat and len(field.rays) == 4 and len(field.borders[0]) == 5:
+        local = [field.at(field.rays, reach) for reach in (near, far)]
+        return np.concatenate([*local, field.centre[None]]), np.array(_EDGES)
+    points, edges, n = [field.centre[None]], [], 1
+    for reach in (near, far):
+        for line in (*field.borders, *field.ribs):
+            points.append(field.at(line, reach))
+            first = n + np.arange(len(line) - 1)
+            edges.append(np.stack([first, first + 1], axis=1))
+            n += len(line)
+    k = len(field.rays)
+    points += [field.at(field.rays, reach) for reach in (near, far)]
+    edges.append(np.stack([np.zeros(k, dtype=np.int64), n + np.arange(k)], axis=1))
+    edges.append(n + np.stack([np.arange(k), k + np.arange(k)], axis=1))
+    return np.concatenate(points), np.concatenate(edges)
+
+
 class _Gltf:
     """A glTF file as it grows: the JSON, and the bytes that it points into."""
 
@@ -206,51 +229,70 @@ class _Gltf:
         return self._node(name, node)
 
     def add_sensor(self, name: str, sensor: Sensor, pose: Floats, color: Colors) -> int:
-        """Add a camera with its frustum as lines; return its node."""
-        tan_x, tan_y = sensor.lens.tan_half.tolist()
+        """Add a camera with its field of view as lines, and its second viewpoint; return its node.
+
+        A camera of glTF is a pinhole: it holds the image, drawn without distortion.
+        """
+        children = [self._field(f"{name} frustum", sensor, field_of(sensor), color)]
+        if (partner := sensor.partner) and (second := partner_field(sensor)):
+            tone, full = second_tones(color), f"{name} {partner.role}"
+            camera = self._camera(full, sensor, partner.lens, partner_size(sensor))
+            place = self._scale * partner.partner_to_sensor[:3, 3]
+            # the lines are in the frame of the first
+            children.append(self._field(f"{full} frustum", sensor, second, tone))
+            children.append(self._camera_node(full, camera, partner.partner_to_sensor, place, []))
+        camera = self._camera(name, sensor, sensor.lens, sensor.resolution)
+        place = self._scale * self._rotation @ pose[:3, 3]
+        return self._camera_node(name, camera, self._rotation @ pose[:3, :3], place, children)
+
+    def _camera(self, name: str, sensor: Sensor, lens: Lens, resolution: tuple[int, int]) -> int:
+        """Add the camera of a lens; return its number."""
+        tan_x, tan_y = lens.tan_half.tolist()
+        is_pinhole = isinstance(lens, Pinhole)
         self.content["cameras"].append(
             {
                 "name": name,
                 "type": "perspective",
                 "perspective": {
-                    "yfov": sensor.lens.opening[1],
+                    "yfov": lens.opening[1] if is_pinhole else 2 * math.atan(tan_y),
                     "aspectRatio": tan_x / tan_y,
                     "znear": self._scale * sensor.max_distance / 1000,
                     "zfar": self._scale * sensor.max_distance,
                 },
                 "extras": {
                     "sensor": sensor.name,
-                    "resolution": list(sensor.resolution),
+                    "resolution": list(resolution),
                     "min_distance": self._scale * sensor.min_distance,
                     "max_distance": self._scale * sensor.max_distance,
+                    **({} if sensor.distance == "depth" else {"distance": sensor.distance}),
+                    **({} if is_pinhole else {"lens": lens.kind, "drawn": "without distortion"}),
                 },
             }
         )
-        corners = np.array([(-tan_x, -tan_y), (tan_x, -tan_y), (tan_x, tan_y), (-tan_x, tan_y)])
-        local = np.zeros((9, 3))
-        for k, depth in enumerate((sensor.min_distance, sensor.max_distance)):
-            local[4 * k : 4 * k + 4] = np.column_stack([corners, np.full(4, -1.0)]) * depth
+        return len(self.content["cameras"]) - 1
+
+    def _camera_node(
+        self, name: str, camera: int, rotation: Floats, place: Floats, children: list[int]
+    ) -> int:
+        w, x, y, z = quaternion(rotation[:3, :3]).tolist()
+        node = {"camera": camera, "rotation": [x, y, z, w], "translation": place.tolist()}
+        return self._node(name, node | ({"children": children} if children else {}))
+
+    def _field(self, name: str, sensor: Sensor, field: Field, color: Colors) -> int:
+        """Add the edges of a field of view over the working range as lines; return their node."""
+        points, edges = _field_lines(field, sensor.min_distance, sensor.max_distance)
         primitive = {
             "attributes": {
-                "POSITION": self._accessor((self._scale * local).astype(np.float32), "VEC3", _ARRAY)
+                "POSITION": self._accessor(
+                    (self._scale * points).astype(np.float32), "VEC3", _ARRAY
+                )
             },
-            "indices": self._accessor(np.array(_EDGES, np.uint32).ravel(), "SCALAR", _INDICES),
+            "indices": self._accessor(edges.astype(np.uint32).ravel(), "SCALAR", _INDICES),
             "material": self._material(color, is_line=True),
             "mode": _LINES,
         }
-        self.content["meshes"].append({"name": f"{name} frustum", "primitives": [primitive]})
-        lines = self._node(f"{name} frustum", {"mesh": len(self.content["meshes"]) - 1})
-        w, x, y, z = quaternion(self._rotation @ pose[:3, :3]).tolist()
-        place = self._scale * self._rotation @ pose[:3, 3]
-        return self._node(
-            name,
-            {
-                "camera": len(self.content["cameras"]) - 1,
-                "rotation": [x, y, z, w],
-                "translation": place.tolist(),
-                "children": [lines],
-            },
-        )
+        self.content["meshes"].append({"name": name, "primitives": [primitive]})
+        return self._node(name, {"mesh": len(self.content["meshes"]) - 1})
 
     def packed(self) -> bytes:
         """Return the file."""

@@ -74,6 +74,7 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
                 sensor.max_distance,
                 sensor.max_incidence,
                 sensor.resolution,
+                whole=None if sensor.is_ideal else sensor,
             )
             for name, sensor, pose in zip(
                 study.sensor_names, study.sensors, placement.camera_to_world, strict=True

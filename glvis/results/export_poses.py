@@ -7,21 +7,28 @@ Pixels are counted from the upper left corner of the image, whose first pixel ha
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glvis.common.files import in_one_line
-from glvis.common.palette import sensor_colors
-from glvis.problem.camera import rigid_inverse
-from glvis.problem.rotations import BODY, OPTICAL, quaternion, roll_pitch_yaw
+from glvis.common.palette import second_tones, sensor_colors
+from glvis.problem.lens import Lens, Pinhole
+from glvis.problem.rotations import quaternion
+from glvis.problem.sensor import Sensor
 from glvis.problem.study import Study
 from glvis.problem.units import MM_PER_UNIT
+from glvis.results.calibrations import calibration, partner_size
+from glvis.results.export_colmap import write_colmap
+from glvis.results.export_ros import write_ros
 from glvis.results.mounting import setting_of_pose
 from glvis.results.result import sensor_poses, write_csv
 from glvis.search.placement import Placement
+
+Floats = NDArray[np.float64]
+Colors = NDArray[np.uint8]
 
 _README = """\
 For other tools. Lengths are in {unit} unless a line says otherwise; the world
@@ -48,17 +55,35 @@ _README_PIECES = """\
                        any sensor sees
 pieces/*.ply           the pieces of such a model; piece_of is the number of the file's face
 """
+_README_LENSES = """\
+poses.csv              of lenses that are no ideal pinholes: model and coefficients as COLMAP and
+                       OpenCV order them, opening angles, range or depth; the pose of a second
+                       viewpoint. cx, cy count from the corner of the image: OpenCV's and ROS's
+                       centre is half a pixel less
+colmap/                PINHOLE, OPENCV, FULL_OPENCV or OPENCV_FISHEYE; what has no model there is
+                       named in cameras.txt and left out
+ros/camera_info/*.yaml calibrated lenses and both viewpoints of pairs, as camera_info_manager
+                       loads them
+blender_scene.py       cameras are pinholes that hold the image, drawn without distortion
+"""
+_README_PAIRS = """\
+colmap/rigs.txt        pairs as rigs, with frames.txt; rig_config.json for rig_configurator, with
+                       images in KIND/first and KIND/second
+ros/                   NAME_ROLE_optical_frame is the second viewpoint, fixed to the first
+"""
+_SECOND = ("partner", *(f"partner_{key}" for key in ("x", "y", "z", "qw", "qx", "qy", "qz")))
 PIECES = "pieces"  # folder of the surfaces of models whose faces were cut
 
 
 def write_poses(placement: Placement, path: Path) -> None:
     """Write the poses as a table, a row a sensor."""
     up = placement.study.up
+    are_ideal = all(sensor.is_ideal for sensor in placement.study.sensors)
     rows: list[dict[str, Any]] = []
     for s, pose in enumerate(sensor_poses(placement)):
         matrix = placement.camera_to_world[s]
         setting = setting_of_pose(matrix, up)
-        intrinsics = pinhole(placement.study, s)
+        sensor = placement.study.sensors[s]
         rows.append(
             {
                 "name": pose["name"],
@@ -73,7 +98,8 @@ def write_poses(placement: Placement, path: Path) -> None:
                 **dict(
                     zip(("qw", "qx", "qy", "qz"), quaternion(matrix[:3, :3]).tolist(), strict=True)
                 ),
-                **intrinsics,
+                **_intrinsics(sensor),
+                **({} if are_ideal else _beyond_pinhole(sensor, matrix)),
             }
         )
     write_csv(path, list(rows[0]), [list(row.values()) for row in rows])
@@ -86,84 +112,45 @@ def write_exports(placement: Placement, directory: Path, *, meshes: bool = True)
     text = _README.format(unit=study.unit, up=up) + (_README_MESHES if meshes else "")
     if meshes and any(model.pieces for model in study.models):
         text += _README_PIECES
+    text += "" if all(sensor.is_ideal for sensor in study.sensors) else _README_LENSES
+    text += _README_PAIRS if any(sensor.partner for sensor in study.sensors) else ""
     (directory / "README.txt").write_text(text, encoding="utf-8")
-    _write_colmap(placement, directory / "colmap")
-    _write_ros(placement, directory / "ros")
+    write_colmap(placement, directory / "colmap")
+    write_ros(placement, directory / "ros")
     (directory / "blender_scene.py").write_text(
         _blender_script(placement, _surface_files(study) if meshes else []), encoding="utf-8"
     )
 
 
-def pinhole(study: Study, s: int) -> dict[str, float]:
-    """Return width, height, fx, fy, cx, cy of sensor ``s``, pixels of its resolution."""
-    sensor = study.sensors[s]
+def _intrinsics(sensor: Sensor) -> dict[str, Any]:
+    """Return width, height, fx, fy, cx, cy of a sensor; empty where its lens has none."""
     width, height = sensor.resolution
-    fx, fy = sensor.focal_pixels()
-    return {"width": width, "height": height, "fx": fx, "fy": fy, "cx": width / 2, "cy": height / 2}
+    pixels = calibration(sensor.lens, sensor.resolution)
+    numbers = [*pixels.focal, *pixels.centre] if pixels else [""] * 4
+    names = ("fx", "fy", "cx", "cy")
+    return {"width": width, "height": height, **dict(zip(names, numbers, strict=True))}
 
 
-def _write_colmap(placement: Placement, directory: Path) -> None:
-    """Write a sparse model without points; https://colmap.github.io/format.html."""
-    study = placement.study
-    directory.mkdir()
-    kinds = list(dict.fromkeys(study.sensors))
-    cameras = ["# CAMERA_ID MODEL WIDTH HEIGHT fx fy cx cy"]
-    for number, kind in enumerate(kinds, start=1):
-        values = pinhole(study, study.sensors.index(kind))
-        cameras.append(" ".join(map(str, [number, "PINHOLE", *values.values()])))
-    images = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points (none)"]
-    optical = placement.camera_to_world.copy()
-    optical[:, :3, :3] = optical[:, :3, :3] @ OPTICAL
-    for s, matrix in enumerate(rigid_inverse(optical)):
-        numbers = [*quaternion(matrix[:3, :3]).tolist(), *matrix[:3, 3].tolist()]
-        camera = kinds.index(study.sensors[s]) + 1
-        name = study.sensor_names[s].replace(" ", "_")  # the name ends at a space
-        images += [" ".join(map(str, [s + 1, *numbers, camera, f"{name}.png"])), ""]
-    for name, lines in (("cameras", cameras), ("images", images), ("points3D", ["# no points"])):
-        (directory / f"{name}.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _write_ros(placement: Placement, directory: Path) -> None:
-    """Write static transforms in metres, for the shell and as URDF; REP 103, REP 105."""
-    study = placement.study
-    directory.mkdir()
-    to_metres = MM_PER_UNIT[study.unit] / 1000
-    shell = ["#!/bin/sh", f"# {in_one_line(study.title)}: poses of the sensors, metres"]
-    urdf = ['<?xml version="1.0"?>', '<robot name="sensors">', '  <link name="world"/>']
-    for name, pose in zip(study.sensor_names, placement.camera_to_world, strict=True):
-        frame = _ros_name(name)
-        place = (to_metres * pose[:3, 3]).tolist()
-        w, x, y, z = quaternion(pose[:3, :3] @ OPTICAL).tolist()
-        numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), [*place, x, y, z, w], strict=True)
-        shell.append(
-            "ros2 run tf2_ros static_transform_publisher "
-            + " ".join(f"--{key} {value!r}" for key, value in numbers)
-            + f" --frame-id world --child-frame-id {frame}_optical_frame &"
-        )
-        body, optical = pose[:3, :3] @ BODY, BODY.T @ OPTICAL
-        urdf += _fixed_joint("world", f"{frame}_link", place, body)
-        urdf += _fixed_joint(f"{frame}_link", f"{frame}_optical_frame", [0.0, 0.0, 0.0], optical)
-    text = "\n".join([*shell, "wait"]) + "\n"
-    (directory / "static_transforms.sh").write_text(text, encoding="utf-8")
-    (directory / "sensors.urdf").write_text("\n".join([*urdf, "</robot>"]) + "\n", encoding="utf-8")
-
-
-def _fixed_joint(parent: str, child: str, place: list[float], rotation: np.ndarray) -> list[str]:
-    xyz = " ".join(map(repr, place))
-    rpy = " ".join(repr(angle) for angle in roll_pitch_yaw(rotation))
-    return [
-        f'  <link name="{child}"/>',
-        f'  <joint name="{child}_joint" type="fixed">',
-        f'    <parent link="{parent}"/>',
-        f'    <child link="{child}"/>',
-        f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
-        "  </joint>",
-    ]
-
-
-def _ros_name(name: str) -> str:
-    """Return a name that ROS takes for a frame."""
-    return re.sub(r"\W", "_", name, flags=re.ASCII)
+def _beyond_pinhole(sensor: Sensor, matrix: Floats) -> dict[str, Any]:
+    """Return the columns of sensors that are no ideal pinholes: lens, range, second viewpoint."""
+    pixels = calibration(sensor.lens, sensor.resolution)
+    across, up = (math.degrees(angle) for angle in sensor.lens.opening)
+    partner = sensor.partner
+    second: list[Any] = [""] * len(_SECOND)
+    if partner:
+        pose = partner.poses(matrix)
+        turn = quaternion(pose[:3, :3]).tolist()
+        second = [partner.role, *pose[:3, 3].tolist(), *turn]
+    return {
+        "lens": sensor.lens.kind,
+        "model": pixels.model if pixels else "",
+        # in brackets: of a text that begins with a minus spreadsheets would make a formula
+        "distortion": str(list(pixels.coefficients)) if pixels else "",
+        "hfov_deg": across,
+        "vfov_deg": up,
+        "distance": sensor.distance,
+        **dict(zip(_SECOND, second, strict=True)),
+    }
 
 
 _BLENDER = '''\
@@ -226,28 +213,16 @@ main()
 
 def _blender_script(placement: Placement, surfaces: list[str]) -> str:
     study = placement.study
-    sensors = []
-    colors = sensor_colors(len(study.sensors)) / 255
+    sensors, seconds = [], []
+    colors = sensor_colors(len(study.sensors))
     for s, (name, sensor) in enumerate(zip(study.sensor_names, study.sensors, strict=True)):
-        width, height = sensor.resolution
-        tan_x, tan_y = sensor.lens.tan_half.tolist()
-        tall = (tan_y / height) / (tan_x / width)  # of a pixel, in its widths
-        sensors.append(
-            {
-                "name": name,
-                "sensor": sensor.name,
-                "hfov": sensor.lens.opening[0],
-                "resolution": [width, height],
-                # Blender wants both at least 1
-                "pixel_aspect": [max(1.0, 1 / tall), max(1.0, tall)],
-                "clip_start": sensor.max_distance / 1000,
-                "min_distance": sensor.min_distance,
-                "max_distance": sensor.max_distance,
-                "max_incidence_deg": math.degrees(sensor.max_incidence),
-                "color": [round(value, 4) for value in colors[s].tolist()],
-                "camera_to_world": placement.camera_to_world[s].tolist(),
-            }
-        )
+        matrix, color = placement.camera_to_world[s], colors[s]
+        sensors.append(_blender_camera(name, sensor, sensor.lens, sensor.resolution, matrix, color))
+        if partner := sensor.partner:
+            view = partner.lens, partner_size(sensor), partner.poses(matrix)
+            tone = second_tones(color)
+            seconds.append(_blender_camera(f"{name} {partner.role}", sensor, *view, tone))
+    sensors += seconds
     return _BLENDER.format(
         title=in_one_line(study.title).replace("\\", "/").replace('"', "'"),
         unit=study.unit,
@@ -255,6 +230,31 @@ def _blender_script(placement: Placement, surfaces: list[str]) -> str:
         surfaces=surfaces,
         sensors="".join(f"    {sensor!r},\n" for sensor in sensors).rstrip(),
     )
+
+
+def _blender_camera(
+    name: str, sensor: Sensor, lens: Lens, size: tuple[int, int], matrix: Floats, color: Colors
+) -> dict[str, Any]:
+    """Return what the script knows of a camera: a pinhole that holds its image."""
+    width, height = size
+    tan_x, tan_y = lens.tan_half.tolist()
+    tall = (tan_y / height) / (tan_x / width)  # of a pixel, in its widths
+    is_pinhole = isinstance(lens, Pinhole)
+    return {
+        "name": name,
+        "sensor": sensor.name,
+        **({} if is_pinhole else {"lens": lens.kind}),
+        "hfov": lens.opening[0] if is_pinhole else 2 * math.atan(tan_x),
+        "resolution": [width, height],
+        # Blender wants both at least 1
+        "pixel_aspect": [max(1.0, 1 / tall), max(1.0, tall)],
+        "clip_start": sensor.max_distance / 1000,
+        "min_distance": sensor.min_distance,
+        "max_distance": sensor.max_distance,
+        "max_incidence_deg": math.degrees(sensor.max_incidence),
+        "color": [round(value, 4) for value in (color / 255).tolist()],
+        "camera_to_world": matrix.tolist(),
+    }
 
 
 def _surface_files(study: Study) -> list[str]:

@@ -21,6 +21,7 @@ from glvis.problem.camera import look_along, rigid_inverse
 from glvis.problem.rotations import OPTICAL, Floats, rotation
 from glvis.problem.study import Study
 from glvis.problem.units import MM_PER_UNIT
+from glvis.results.export_colmap import SECOND
 from glvis.results.folder import INDEX, read_index
 from glvis.results.indexes import PosesIndex
 from glvis.results.reading import check_sensors, poses_of
@@ -134,6 +135,8 @@ def _from_colmap(text: str, study: Study) -> Mapping[str, Any]:
             continue
         if len(parts) < 10:
             raise StudyError(f"'{line[:60]}' is no line of COLMAP's images.txt")
+        if Path(parts[9]).parent.name == SECOND:  # fixed to the first, it has no pose of its own
+            continue
         name = Path(parts[9]).stem
         row = dict(zip(("qw", "qx", "qy", "qz", "x", "y", "z"), parts[1:8], strict=True))
         to_camera = np.array(_row_pose(row | {"name": name}, True, study)["camera_to_world"])

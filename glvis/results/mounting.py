@@ -97,12 +97,14 @@ def mounting_lines(placement: Placement) -> list[str]:
     """Return the instructions: what is measured from where, then each sensor."""
     study = placement.study
     unit, places = study.unit, DECIMALS.get(study.unit, 2)
+    has_pairs = any(sensor.partner for sensor in study.sensors)
     positions = placement.camera_to_world[:, :3, 3]
     reference = level_axes(study.up)[2]
     lines = [
         f"{study.title}: where and how to mount the sensors",
         "",
         f"Position: of the optical centre, {unit} from the origin of the mesh files.",
+        *(["Of two viewpoints the first, and the second on its own line."] if has_pairs else []),
         f"Up: {_axis_name(study.up)}.",
         f"Pan: from {reference} in the level plane; left is counter-clockwise seen from above.",
         "Tilt: from level.",
@@ -117,6 +119,10 @@ def mounting_lines(placement: Placement) -> list[str]:
             f"  position   x {x}   y {y}   z {z} {unit}",
             *(f"  {line}" for line in setting_words(setting, reference)),
         ]
+        if sensor.partner:
+            beside = sensor.partner.poses(placement.camera_to_world[s])[:3, 3]
+            x, y, z = (f"{value + 0.0:.{places}f}" for value in np.round(beside, places))
+            lines.append(f"  {sensor.partner.role:<10} x {x}   y {y}   z {z} {unit}")
         others = np.linalg.norm(positions - positions[s], axis=1)
         others[s] = math.inf
         if len(others) > 1:

@@ -39,6 +39,7 @@ from glvis.results.quality_tables import (
 from glvis.results.tables import mean_row, mean_terms, model_rows, sensor_rows
 from glvis.results.within_reach import reach_rows
 from glvis.search.placement import Placement, TraceRow
+from glvis.study.sensor_table import sensor_table
 from glvis.visibility.folding import fold_counts, folded, seen_share
 from glvis.visibility.visibility_map import VisibilityMap
 
@@ -259,9 +260,13 @@ def _summary(placement: Placement, warnings: Sequence[str]) -> dict[str, Any]:
         "obstacles": [{"name": model.name, **_file_of(model)} for model in study.obstacles],
         "sensors": [
             {name: getattr(row, name) for name in ("name", *_sensor_columns(study.models))}
+            | ({} if sensor.is_ideal else sensor_table(sensor))
             | {"quality": _quality(row_of_views)}
-            for row, row_of_views in zip(
-                sensor_rows(study.models, placement.maps), quality_rows(placement), strict=True
+            for row, sensor, row_of_views in zip(
+                sensor_rows(study.models, placement.maps),
+                study.sensors,
+                quality_rows(placement),
+                strict=True,
             )
         ],
         "search": {

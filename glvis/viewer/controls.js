@@ -169,9 +169,17 @@ function showThrough() {
   markView('');
   byId('through-name').textContent = sensor.name;
   byId('through-dot').style.setProperty('--color', sensor.color);
-  const angle = (t) => number(degrees(2 * Math.atan(t)), 1);
-  byId('through-facts').textContent = `${angle(sensor.tan_half[0])} × ${angle(sensor.tan_half[1])}°, ${number(sensor.min_distance)} to ${number(sensor.max_distance)} ${study.unit}`;
+  byId('through-facts').textContent = throughWords(sensor);
   byId('back').focus({ preventScroll: true });
+}
+
+/** What one looks through: opening, range, and what of it a pinhole's picture cannot show. */
+function throughWords(sensor) {
+  const angle = (t) => number(degrees(2 * Math.atan(t)), 1), pinhole = `${sensor.tan_half.map(angle).join(' × ')}°`;
+  const reach = `${number(sensor.min_distance)} to ${number(sensor.max_distance)} ${study.unit}${sensor.distance === 'range' ? ' from its centre' : ''}`;
+  if (sensor.lens === 'pinhole') return `${pinhole}, ${reach}`;
+  const own = sensor.opening.map((a) => number(a, 1)).join(' × ');
+  return `${own}° ${sensor.words}, ${reach}; drawn without distortion, ${pinhole}`;
 }
 
 // ---------------------------------------------------------------- overlays that follow the camera
@@ -212,14 +220,16 @@ function placeScale(shot) {
 
 // ---------------------------------------------------------------- reading a face
 
-/** What every sensor makes of a face: sees, depth along its axis, incidence in degrees, or why not. */
+/** What every sensor makes of a face: sees, the distance it measures, incidence in degrees, or why not. */
 function readFace(mesh, face) {
   return sensors.map((sensor, s) => {
     const view = faceSeenFrom(mesh, face, sensor, study.incidence), sees = Boolean(mesh.sees(s, face));
-    return { name: sensor.name, on: state.on[s], sees, depth: view.depth, incidence: degrees(Math.acos(clamp(view.cosine, -1, 1))),
+    return { name: sensor.name, on: state.on[s], sees, distance: view.distance, incidence: degrees(Math.acos(clamp(view.cosine, -1, 1))),
       why: sees ? '' : study.refusals[mesh.refusal(s, face)] ?? 'not seen' };
   });
 }
+
+const kindOf = ({ kind, second }) => (second ? `${kind}, with ${second.role}` : kind);
 
 /** Decimals that tell a thousandth of the scene. */
 const decimals = () => clamp(Math.ceil(2.5 - Math.log10(camera.sphere.radius)), 0, 9);
@@ -231,7 +241,7 @@ function showReadout(hit, x, y) {
     const centroid = [0, 1, 2].map((j) => number(mesh.centroids[3 * hit.face + j] + study.origin[j], decimals())).join(', ');
     const line = (r, s) => element('tr', { class: r.sees && r.on ? '' : 'no', style: { '--color': sensors[s].color } },
       element('th', { scope: 'row' }, element('i', { class: 'dot' }), r.name),
-      r.sees ? [element('td', {}, `${number(r.depth, decimals(), decimals())} ${study.unit}`), element('td', {}, `${r.incidence.toFixed(1)}°`)]
+      r.sees ? [element('td', {}, `${number(r.distance, decimals(), decimals())} ${study.unit}`), element('td', {}, `${r.incidence.toFixed(1)}°`)]
         : element('td', { colspan: 2 }, r.why), r.on ? null : element('td', {}, 'off'));
     const order = readings.map((_, s) => s).sort((a, b) => readings[b].sees - readings[a].sees);
     const seen = readings.filter((r) => r.sees && r.on).length;
@@ -243,7 +253,7 @@ function showReadout(hit, x, y) {
       quality ? element('p', { class: 'note quality' }, one >= 0 ? `${sensors[one].name}: ${quality}` : `${seen > 1 ? 'At best ' : ''}${quality}`) : null,
       element('p', { class: 'note' }, `at ${centroid} ${study.unit}, ${area(mesh.areas[hit.face], study.unit)}`)].filter(Boolean));
   } else if (hit.kind === 'sensor') {
-    node.replaceChildren(element('p', {}, element('b', {}, sensors[hit.sensor].name), element('span', {}, sensors[hit.sensor].kind)), element('p', { class: 'note' }, 'Click to look through it'));
+    node.replaceChildren(element('p', {}, element('b', {}, sensors[hit.sensor].name), element('span', {}, kindOf(sensors[hit.sensor]))), element('p', { class: 'note' }, 'Click to look through it'));
   } else node.replaceChildren(element('p', {}, element('b', {}, hit.name), element('span', {}, 'obstacle')));
   node.hidden = false;
   const { offsetWidth: w, offsetHeight: h } = node;

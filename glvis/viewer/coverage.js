@@ -3,23 +3,37 @@
 // Entries of the palette texture; then S sensors, then counts 1 .. S.
 const UNSEEN = 0, SEEN = 1, DIM = 2, OBSTACLE = 3, FIRST_SENSOR = 4;
 
-/** Sensors as the page uses them: axes and centre out of camera_to_world (row-major). */
-function readSensor(entry) {
-  const m = entry.camera_to_world;
+const rgbOf = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+
+/** Axes and centre out of a pose (row-major). */
+function axesOf(m) {
   const column = (c) => [m[0][c], m[1][c], m[2][c]];
-  return {
-    ...entry, rgb: [1, 3, 5].map((i) => parseInt(entry.color.slice(i, i + 2), 16)),
-    right: column(0), up: column(1), direction: scaled(column(2), -1), center: column(3),
-  };
+  return { right: column(0), up: column(1), direction: scaled(column(2), -1), center: column(3) };
 }
 
-/** Where a face lies before a sensor: depth along the axis and cosine of the incidence. */
+/** Sensors as the page uses them; one that says nothing of its lens is an ideal pinhole. */
+function readSensor(entry) {
+  const sensor = {
+    distance: 'depth', lens: 'pinhole', second: null, field: pinholeField(entry.tan_half), body: entry.tan_half,
+    ...entry, ...axesOf(entry.camera_to_world), rgb: rgbOf(entry.color),
+  };
+  if (sensor.second) { // its pose is given in the frame of the first
+    const { right, up, direction, center } = axesOf(sensor.second.pose), turned = (v) => sub(placeOf(sensor, v), sensor.center);
+    Object.assign(sensor.second, { right: turned(right), up: turned(up), direction: turned(direction), center: placeOf(sensor, center), rgb: rgbOf(sensor.second.colors[Number(matchMedia('(prefers-color-scheme: dark)').matches)]) });
+  }
+  return sensor;
+}
+
+/** A point of a sensor's camera frame (right, up, back) in the scene. */
+const placeOf = (sensor, [x, y, z]) => add(add(add(sensor.center, sensor.right, x), sensor.up, y), sensor.direction, -z);
+
+/** Where a face lies before a sensor: its distance, as the sensor measures it, and cosine of the incidence. */
 function faceSeenFrom(mesh, face, sensor, incidence) {
   const k = 3 * face, c = mesh.centroids, n = mesh.normals;
   const ray = [c[k] - sensor.center[0], c[k + 1] - sensor.center[1], c[k + 2] - sensor.center[2]];
   const normal = [n[k], n[k + 1], n[k + 2]];
   const along = incidence === 'axis' ? sensor.direction : scaled(ray, 1 / (norm(ray) || 1));
-  return { ray, depth: dot(ray, sensor.direction), cosine: -dot(normal, along) };
+  return { ray, distance: sensor.distance === 'range' ? norm(ray) : dot(ray, sensor.direction), cosine: -dot(normal, along) };
 }
 
 /** How good a view of a face is, in words, by the best of some sensors that see it; '' where nothing is known. */

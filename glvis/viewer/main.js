@@ -113,7 +113,7 @@ function pickAt(x, y) {
   if (!id || !thing) return null;
   const face = id - thing.firstId;
   if (thing === things.model) return { kind: 'model', model: models[state.model].name, face };
-  if (thing === things.bodies) return { kind: 'sensor', sensor: Math.floor(face / BODY_FACES) };
+  if (thing === things.bodies) return { kind: 'sensor', sensor: things.bodies.owner[Math.floor(face / BODY_FACES)] };
   return { kind: 'obstacle', name: study.obstacles[thing.owner[face]].name };
 }
 
@@ -129,7 +129,8 @@ function refresh(recount = true) {
   painted = paint(mesh, sensors, state, covered.counts);
   painter.setPaint(things.model, painted);
   const bodies = new Uint16Array(things.bodies.nFaces);
-  sensors.forEach((_, s) => bodies.fill(state.on[s] ? FIRST_SENSOR + s : DIM, s * BODY_FACES, (s + 1) * BODY_FACES));
+  const { owner, entry } = things.bodies;
+  owner.forEach((s, b) => bodies.fill(state.on[s] ? entry[b] : DIM, b * BODY_FACES, (b + 1) * BODY_FACES));
   painter.setPaint(things.bodies, bodies);
   if (recount) showNumbers(mesh);
   showState(mesh);
@@ -281,16 +282,22 @@ function buildScene(bytes) {
   state.cut = inside.length > sensors.length / 2; // a room: look in through its walls
   sensors.forEach((sensor) => include(sensor.center));
   glyphSize = 0.032 * norm(sub(high, low));
-  const points = [...box, ...sensors.flatMap((s) => [s.center, add(s.center, s.direction, -0.6 * glyphSize)])];
+  const points = [...box, ...sensors.flatMap((s) => [s.center, add(s.center, s.direction, -0.6 * glyphSize), ...(s.second ? [s.second.center] : [])])];
   obstacles.forEach((mesh) => include(mesh.vertices));
-  sensors.forEach((s) => include(add(s.center, s.direction, s.max_distance)));
+  sensors.forEach((s) => {
+    include(add(s.center, s.direction, s.max_distance));
+    if (!s.field.flat) for (const line of s.field.borders) line.forEach((d) => include(endOf(s, s.field, d, s.max_distance)));
+  });
   camera = new Camera(study.up, {
     center: scaled(add(low, high), 0.5), radius: norm(sub(high, low)) / 2, points });
   resize();
   painter.setPalette([
     study.colors.unseen, study.colors.seen, study.colors.dim, study.colors.obstacle,
-    ...sensors.map((s) => s.rgb), ...study.colors.overlap.slice(1)]);
-  things.bodies = painter.upload(corners(sensorBodies(sensors, glyphSize)));
+    ...sensors.map((s) => s.rgb), ...study.colors.overlap.slice(1),
+    ...sensors.map((s) => s.second?.rgb ?? s.rgb)]);
+  const bodies = bodiesOf(sensors, glyphSize), firstSecond = FIRST_SENSOR + sensors.length + study.colors.overlap.length - 1;
+  things.bodies = Object.assign(painter.upload(corners(bodyMesh(bodies))), {
+    owner: bodies.map((body) => body.owner), entry: bodies.map((body) => (body.isSecond ? firstSecond : FIRST_SENSOR) + body.owner) });
   if (obstacles.length) {
     const mesh = merged(obstacles);
     things.obstacles = Object.assign(painter.upload(corners(mesh)), { owner: mesh.owner });
@@ -334,6 +341,7 @@ window.glvis = {
   frame: () => camera.frame(sensors[state.through]),
   covered: () => covered,
   aims: () => aims,
+  lines: () => sensorLines(sensors, state, glyphSize, aims),
   coarsened,
   camera: () => camera,
   model: () => models[state.model],

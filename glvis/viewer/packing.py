@@ -15,8 +15,20 @@ from glvis.common.palette import (
     SEEN_COLOR,
     hex_color,
     overlap_colors,
+    rgb,
+    second_tones,
     sensor_colors,
 )
+from glvis.problem.field import (
+    Field,
+    body_tangents,
+    common_border,
+    field_of,
+    lens_words,
+    partner_field,
+    partner_words,
+)
+from glvis.problem.sensor import Sensor
 from glvis.problem.units import unit_word
 from glvis.viewer.page_data import (
     PageData,
@@ -29,6 +41,7 @@ from glvis.viewer.page_data import (
 )
 from glvis.visibility.filters import Refusal
 
+_DIGITS = 6  # of directions and places of lines: a millionth of a unit is not to be seen
 _DIM_COLOR = (168, 174, 184)  # faces that do not matter while one sensor is looked at
 
 # Why a sensor does not see a face, in the few words that a line of the page has room for.
@@ -191,6 +204,7 @@ def _sensors(sensors: Sequence[PageSensor], origin: NDArray[np.float64]) -> list
     for sensor, color in zip(sensors, colors, strict=True):
         pose = np.array(sensor.camera_to_world, dtype=float)
         pose[:3, 3] -= origin
+        own = sensor.color or color
         entries.append(
             {
                 "name": sensor.name,
@@ -201,10 +215,45 @@ def _sensors(sensors: Sequence[PageSensor], origin: NDArray[np.float64]) -> list
                 "max_distance": float(sensor.max_distance),
                 "max_incidence": float(sensor.max_incidence),
                 "resolution": [int(n) for n in sensor.resolution],
-                "color": sensor.color or color,
+                "color": own,
+                **({} if sensor.whole is None else _whole(sensor.whole, rgb(own))),
             }
         )
     return entries
+
+
+def _whole(sensor: Sensor, color: NDArray[np.uint8]) -> dict[str, Any]:
+    """Return what a page must know of a sensor that is no ideal pinhole; glyphs.js draws it."""
+    lens, second = sensor.lens, partner_field(sensor)
+    shared = [common_border(sensor, at) for at in (sensor.min_distance, sensor.max_distance)]
+    return {
+        "lens": lens.kind,
+        "words": lens_words(lens),
+        "opening": np.degrees(lens.opening).round(6).tolist(),
+        "distance": sensor.distance,
+        "body": body_tangents(lens).tolist(),
+        "field": _field(field_of(sensor)),
+        "second": second
+        and {
+            "role": partner_words(sensor),
+            "field": _field(second),
+            "pose": sensor.partner and sensor.partner.partner_to_sensor.tolist(),
+            "body": sensor.partner and body_tangents(sensor.partner.lens).tolist(),
+            "colors": [hex_color(second_tones(color, on_dark=dark)) for dark in (False, True)],
+            "common": [border.round(_DIGITS).tolist() for border in shared if len(border)],
+        },
+    }
+
+
+def _field(field: Field) -> dict[str, Any]:
+    """Return the lines of a field of view."""
+    return {
+        "centre": field.centre.tolist(),
+        "flat": field.is_flat,
+        "borders": [line.round(_DIGITS).tolist() for line in field.borders],
+        "ribs": [line.round(_DIGITS).tolist() for line in field.ribs],
+        "rays": field.rays.round(_DIGITS).tolist(),
+    }
 
 
 def _table(table: PageTable) -> dict[str, Any]:

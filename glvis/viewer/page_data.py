@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
+from glvis.problem.sensor import Sensor
+
 
 @dataclass(frozen=True, eq=False)
 class PageQuality:
@@ -81,15 +83,18 @@ class PageSensor:
     camera_to_world : (4, 4) float
         Pose; x right, y up, looking along -z.
     tan_half : (2,) float
-        Tangents of the half opening angles along x and y.
+        Tangents of the half opening angles along x and y, of the pinhole that one looks through.
     min_distance, max_distance : float
-        Working range as depth along the optical axis, the study's unit.
+        Working range, the study's unit.
     max_incidence : float
         Radians.
     resolution : (2,) int
         Pixels, width and height.
     color : str
         "#RRGGBB"; empty takes the palette's colour for its place in the list.
+    whole : Sensor, optional
+        What else there is to it: lens, range or depth, second viewpoint. Without it, it is an
+        ideal pinhole whose range is depth along the optical axis.
     """
 
     name: str
@@ -101,6 +106,7 @@ class PageSensor:
     max_incidence: float = math.pi / 2
     resolution: tuple[int, int] = (1280, 720)
     color: str = ""
+    whole: Sensor | None = None
 
 
 @dataclass(frozen=True)
