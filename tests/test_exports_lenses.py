@@ -407,7 +407,7 @@ def test_result_and_mounting_name_the_second_viewpoint(plain, tmp_path):
     rows = json.loads((tmp_path / "result.json").read_text())["sensors"]
     assert "max_distance" in rows[0]
     assert list(rows[1]) == [
-        "name", "seen", "seen_percentage", "only_it", "only_it_percentage",
+        "name", "seen", "seen_percentage", "only_it", "only_it_percentage", "quality",
     ]  # fmt: skip
     x, y, z = (placement.camera_to_world[0] @ PAIR.partner.partner_to_sensor)[:3, 3]
     (line,) = [line for line in mounting_lines(placement) if line.startswith("  imager")]
