@@ -16,9 +16,8 @@ from glvis.problem.camera import look_along
 from glvis.problem.sensor import Sensor
 from glvis.visibility.selftest import can_cast
 from support.figures import Figures, Truth
-from support.judge import Judge
+from support.lens_oracle import judge_of
 from support.one_sensor import looking, sensor
-from support.oracle import Eye
 from support.shapes import Shape
 
 AROUND, SQUARE, INSIDE, NEAR, BESIDE = "around", "square", "inside", "near", "beside"
@@ -252,7 +251,7 @@ def judged(
         corners, hiding = rounded(corners, middle), rounded(hiding, middle)
     result = Verdicts(name, len(corners), {way: [] for way in those})
     for i, pose in enumerate(poses):
-        truth = Truth(Judge(pose, Eye.of(device), corners, hiding))
+        truth = Truth(judge_of(pose, device, corners, hiding))
         eye, towards = np.round(pose[:3, 3], 6).tolist(), np.round(-pose[:3, 2], 6).tolist()
         word = words[i] if i < len(words) else ""
         result.poses.append(f"pose {word} at {eye} towards {towards}".replace("  ", " "))
