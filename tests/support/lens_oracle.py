@@ -168,8 +168,9 @@ class LensEye:
         if self.kind in ("opencv", "fisheye"):
             low, high = low - 0.5, np.array(self.size) - 0.5
         if self.kind == "spherical":  # a full turn has no border, nor has a pole
-            low = low - [self.azimuth > _ALL_AROUND, self.elevation[1] > 90 - 1e-9]
-            high = high + [self.azimuth > _ALL_AROUND, self.elevation[0] < -90 + 1e-9]
+            around = self.azimuth > _ALL_AROUND
+            low = low - np.array([around, self.elevation[1] > 90 - 1e-9])
+            high = high + np.array([around, self.elevation[0] < -90 + 1e-9])
         with np.errstate(invalid="ignore"):
             return ((place > low) & (place < high)).all(axis=1)
 
