@@ -289,7 +289,7 @@ def row(verdicts: Verdicts, columns: Iterable[Way]) -> str:
     totals = [verdicts.total(way) for way in verdicts.by_pose]
     excused = max(total.excused_percent for total in totals)
     return (
-        f"{verdicts.name:24.24} {verdicts.n_faces:6d} {totals[0].seen:6d} {excused:5.2f} % | "
+        f"{verdicts.name:28.28} {verdicts.n_faces:6d} {totals[0].seen:6d} {excused:5.2f} % | "
         + " | ".join(cells)
     )
 
@@ -301,4 +301,25 @@ def head(those: Iterable[Way]) -> str:
         how = "cast" if way.casts else "draw"
         word = f"{way.resolution[:6]} {how}"
         cells.append(f"{word:>15}" if way.criterion == "pixels" else f"IoU {word[0]}{how[0]}")
-    return f"{'mesh':24} {'faces':>6} {'seen':>6} excused | " + " | ".join(cells)
+    return f"{'mesh':28} {'faces':>6} {'seen':>6} excused | " + " | ".join(cells)
+
+
+class Table(list[Verdicts]):
+    """What a file of tests found; prints itself at the end of pytest's report.
+
+    ``title`` heads it, ``columns`` are its ways.
+    """
+
+    def __init__(self, title: str, columns: Iterable[Way]) -> None:
+        super().__init__()
+        self._title, self._columns = title, list(columns)
+
+    def pytest_terminal_summary(self, terminalreporter, config) -> None:
+        if not self:
+            return
+        rows = sorted(self, key=lambda one: one.badness, reverse=True)
+        shown = rows if config.getoption("--all-meshes") else rows[:8]
+        terminalreporter.section(f"{self._title}: {len(shown)} of {len(rows)}, worst first")
+        terminalreporter.write_line(head(self._columns))
+        for one in shown:
+            terminalreporter.write_line(row(one, self._columns))
