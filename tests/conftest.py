@@ -23,9 +23,9 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_I
 SLOW = {
     "any_mesh", "bad_input", "checkpoint", "cli", "cli_results", "cluster", "compare_methods",
     "exports", "folder_safety", "gpu_check", "hostile_files", "hostile_studies", "kills",
-    "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results", "python",
-    "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
-    "seriesplots", "starter", "streams", "swarm", "workers",
+    "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results", "pixel_sizes",
+    "python", "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
+    "seriesplots", "starter", "streams", "swarm", "two_viewpoints", "workers",
 }  # fmt: skip
 
 

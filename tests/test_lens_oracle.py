@@ -294,3 +294,22 @@ def test_backs_hide_from_the_partner_too_and_are_not_seen_by_it():
         judge = LensJudge(ABOVE, device, corner)
         sees = [one.free[0] for one in judge.one_by_one(corner.mean(axis=1), np.arange(1))]
         assert sum(sees) == 1 and not judge.centroids().free.any()
+
+
+def test_pixels_count_what_rays_through_them_meet(rng):
+    corners, total = corners_of(shapes.torus(100.0, 40.0, 48, 24)), 0
+    for name in ("opencv that folds", "fisheye 220", "spherical 360 x 180", "pair 50"):
+        device = Device.of(SENSORS[name])
+        (pose,) = poses_about(rng, corners, (AROUND,))
+        judge = LensJudge(pose, device, corners)
+        surely, possibly = judge.pixels((160, 120))
+        rays = device.rays((160, 120))
+        t, face, _ = oracle.nearest_hits(pose[:3, 3], rays @ pose[:3, :3].T, corners)
+        met = np.flatnonzero(face >= 0)
+        points = pose[:3, 3] + t[met, None] * (rays[met] @ pose[:3, :3].T)
+        seen = judge.look(points, face[met])
+        counts = np.bincount(face[met[seen.free]], minlength=len(corners))
+        assert np.all((surely <= counts) & (counts <= possibly))
+        total += counts.sum()
+        assert possibly.sum() - surely.sum() <= 0.02 * len(rays)
+    assert total > 300

@@ -3,13 +3,14 @@
 Meshes by formula, the arms before their holder and the kitchen, from seeded poses: around, inside,
 very near to a face and beside one; both criteria, without and with compute shaders (draw, cast).
 Limits as of ``test_any_mesh.py``, and as there pytest prints the worst rows at its end, or all with
-``--all-meshes``; ``--rounds 5`` looks from five times as many poses. The slow part is the arms,
-the kitchen and a cave:
+``--all-meshes``; ``--rounds 5`` looks from five times as many poses. All but one mesh is slow:
 
-    pytest tests/test_lenses_against_rays.py -m "not slow"     # meshes by formula alone
+    pytest tests/test_lenses_against_rays.py -m "not slow"     # a torus alone
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ AT_AUTO = ways(resolutions=("auto",))
 
 @pytest.fixture(scope="module")
 def table(request) -> Table:
-    found = Table("lenses against rays", AT_AUTO)
+    found = Table("lenses against rays", ways())
     request.config.pluginmanager.register(found)
     return found
 
@@ -90,13 +91,28 @@ def looked_at(
 
 
 @pytest.mark.parametrize("lens", SENSORS)
-@pytest.mark.parametrize("made", [torus, lattice], ids=lambda made: made.__name__)
+@pytest.mark.parametrize(
+    "made", [torus, pytest.param(lattice, marks=pytest.mark.slow)], ids=lambda made: made.__name__
+)
 def test_every_lens_sees_a_mesh_as_rays_see_it(made, lens, table, rounds):
     places = rounds * (AROUND, AROUND, INSIDE, NEAR, BESIDE)
     name = f"{made.__name__}, {lens}"
     verdicts = looked_at(name, made(), SENSORS[lens], places)
     verdicts.limits = Limits(iou=0.998)
     assert_right(verdicts, table)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lens", SENSORS)
+def test_what_shows_in_a_lenss_own_pixels_is_seen_at_its_own_resolution(lens, table, rounds):
+    wide, high = SENSORS[lens].lens.opening
+    width = round((80_000 * wide / high) ** 0.5)
+    device = replace(SENSORS[lens], resolution=(width, 80_000 // width))
+    places = rounds * (AROUND, AROUND, INSIDE, NEAR, BESIDE)
+    shape = torus()
+    poses = poses_about(seeded("pixels", lens), corners_of(shape), places)
+    those = ways(("pixels",), ("sensor",))
+    assert_right(judged(f"pixels, {lens}", shape, poses, device, those=those, words=places), table)
 
 
 @pytest.mark.slow

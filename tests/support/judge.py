@@ -293,6 +293,49 @@ class Hiding:
             np.maximum.at(widest, ray[possible], margin[possible])
         return surely, possibly, widest
 
+    def shown(self, rays: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
+        """Return what rays (R, 3) of unit depth may meet first, of P pairs.
+
+        Which ray, which of the first ``n`` triangles, how near it is (1 over its depth), and
+        whether it surely is the first; of triangles that coincide each is.
+        """
+        ray, face, inside, near = self._met(rays)
+        length = np.linalg.norm(rays, axis=1)[ray]
+        margin = _SHARE + self._rounding * near / length
+        # of each ray the nearest that rounding may show, and the nearest that it must
+        outer, inner = np.zeros(len(rays)), np.zeros(len(rays))
+        may, must = inside >= -margin, inside >= margin
+        must &= near * self.certain <= 1
+        np.maximum.at(outer, ray[may], near[may])
+        np.maximum.at(inner, ray[must], near[must])
+        is_first = must & (near == inner[ray])
+        height = np.zeros(len(rays))
+        height[ray[is_first]] = np.abs(self._fan.height[face[is_first]])
+        clear = (inner[ray] / near - 1) * height[ray]
+        shows = may & (clear <= _CLEAR * length / near + self._rounding)
+        shows &= face < n  # obstacles show and are not counted
+        surely = must & (near >= outer[ray] * (1 - _BEFORE))
+        return ray[shows], face[shows], near[shows], surely[shows]
+
+    def _met(self, rays: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return which rays (R, 3) of unit depth meet which triangles, near their edges as well.
+
+        Of P pairs: ray, triangle, the angle inside, the nearness; of what may hide alone.
+        """
+        # rounding moves the edges of what is nearest most
+        margin = min(_SHARE + self._rounding / max(self.nearest, 1e-300), 1e-3)
+        found: list[tuple[np.ndarray, ...]] = []
+        for mine, some in self._fan.cells(rays):
+            inside, near = self._fan.meets(rays[mine], some)
+            row, column = np.nonzero((inside >= -margin) & (near > 0))
+            found.append((mine[row], some[column], inside[row, column], near[row, column]))
+        if not found:
+            none = np.zeros(0, dtype=np.int64)
+            return none, none, np.zeros(0), np.zeros(0)
+        ray, face, inside, near = map(np.concatenate, zip(*found, strict=True))
+        beyond = near * self.nearest <= 1
+        return ray[beyond], face[beyond], inside[beyond], near[beyond]
+
 
 class Judge:
     """One sensor before one model.
@@ -419,49 +462,10 @@ class Judge:
 
     def _count_pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         rays = pixel_directions(np.eye(4), self.eye.tan_half, resolution).reshape(-1, 3)
-        ray, face, inside, near = self._met(rays)
-        if not len(ray):
-            return np.zeros(self.n, dtype=np.int64), np.zeros(self.n, dtype=np.int64)
-        length = np.linalg.norm(rays, axis=1)[ray]
-        margin = _SHARE + self._rounding * near / length
-        # of each ray the nearest that rounding may show, and the nearest that it must
-        outer, inner = np.zeros(len(rays)), np.zeros(len(rays))
-        may, must = inside >= -margin, inside >= margin
-        np.maximum.at(outer, ray[may], near[may])
-        np.maximum.at(inner, ray[must], near[must])
-        is_first = must & (near == inner[ray])
-        height = np.zeros(len(rays))
-        height[ray[is_first]] = np.abs(self._fan.height[face[is_first]])
-        clear = (inner[ray] / near - 1) * height[ray]
-        shows = may & (clear <= _CLEAR * length / near + self._rounding)
-        shows &= face < self.n  # obstacles show and are not counted
-        ray, face, near, must = ray[shows], face[shows], near[shows], must[shows]
+        ray, face, near, surely = self._hiding.shown(rays, self.n)
         passes = self._margin(rays[ray] / near[:, None], face)
-        surely = must & (passes > 1) & (near >= outer[ray] * (1 - _BEFORE)) & self._has_area[face]
+        surely = surely & (passes > 1) & self._has_area[face]
         return (
             np.bincount(face[surely], minlength=self.n),
             np.bincount(face[passes > -1], minlength=self.n),
         )
-
-    def _met(self, rays: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return which rays (R, 3) of unit depth meet which triangles, near their edges as well.
-
-        Of P pairs: ray, triangle, the angle inside, the nearness; beyond the clip plane alone.
-        """
-        # rounding moves the edges of what is nearest most
-        margin = min(_SHARE + self._rounding / max(self.clip, 1e-300), 1e-3)
-        found: list[tuple[np.ndarray, ...]] = []
-        for mine, some in self._fan.cells(rays):
-            inside, near = self._fan.meets(rays[mine], some)
-            row, column = np.nonzero((inside >= -margin) & (near > 0))
-            found.append((mine[row], some[column], inside[row, column], near[row, column]))
-        if not found:
-            return (
-                np.zeros(0, dtype=np.int64),
-                np.zeros(0, dtype=np.int64),
-                np.zeros(0),
-                np.zeros(0),
-            )
-        ray, face, inside, near = map(np.concatenate, zip(*found, strict=True))
-        beyond = near * self.clip <= 1
-        return ray[beyond], face[beyond], inside[beyond], near[beyond]

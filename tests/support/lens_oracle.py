@@ -13,6 +13,7 @@ Frames are of right, up and back. Names: F faces, T triangles that hide, R rays.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -201,6 +202,8 @@ class Device:
     """A sensor in plain numbers; ``of`` reads a ``glvis.Sensor`` by its attributes.
 
     ``second_to_first`` (4, 4) is the pose of the ``second`` lens, if any, in the first's frame.
+    ``rays`` gives directions (R, 3) through the middles of an image's pixels, where they are asked
+    for; ``of`` takes the product's own, and holds them to the formula here.
     """
 
     first: LensEye
@@ -210,10 +213,25 @@ class Device:
     max_distance: float = math.inf
     max_incidence_deg: float = 90.0
     by_range: bool = False
+    rays: Callable[[tuple[int, int]], np.ndarray] | None = None
 
     @classmethod
     def of(cls, sensor) -> Device:
         partner = sensor.partner
+
+        def rays(resolution: tuple[int, int]) -> np.ndarray:
+            share = [(np.arange(n) + 0.5) / n for n in resolution]
+            u, v = map(np.ravel, np.meshgrid(*share))
+            x, y, depth = sensor.lens.directions(u, v)
+            some = np.isfinite(x)
+            found, eye = np.stack([x, y, -depth], axis=1)[some], LensEye.of(sensor.lens)
+            place = eye.project(found)
+            if eye.kind in ("opencv", "fisheye"):
+                place = (place + 0.5) / eye.size
+            elsewhere = np.abs(place - np.stack([u, v], axis=1)[some]) > 1e-7
+            assert not elsewhere.any(), "a pixel's ray that falls elsewhere"
+            return found
+
         return cls(
             LensEye.of(sensor.lens),
             None if partner is None else LensEye.of(partner.lens),
@@ -222,6 +240,7 @@ class Device:
             sensor.max_distance,
             math.degrees(sensor.max_incidence),
             sensor.distance == "range",
+            rays,
         )
 
 
@@ -303,11 +322,31 @@ class _Viewpoint:
             some = np.flatnonzero(nearest == n)
             if not len(some):
                 continue
-            if n not in self._hiding:
-                fan = Fan(self.corners @ turn, self._nearest)
-                self._hiding[n] = Hiding(fan, self._rounding, self._nearest, self._certain)
-            hidden[some], doubtful[some] = self._hiding[n].hidden(points[some] @ turn, own[some])
+            hidden[some], doubtful[some] = self._along(n).hidden(points[some] @ turn, own[some])
         return hidden, doubtful
+
+    def _along(self, n: int) -> Hiding:
+        """Return what hides along one of six axes."""
+        if n not in self._hiding:
+            fan = Fan(self.corners @ _SIX[n], self._nearest)
+            self._hiding[n] = Hiding(fan, self._rounding, self._nearest, self._certain)
+        return self._hiding[n]
+
+    def shown(
+        self, rays: np.ndarray, n: int
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield what rays (R, 3) may meet first: points (P, 3), which of ``n`` faces, and surely.
+
+        As of ``Hiding``; before any filter.
+        """
+        towards = np.stack([rays @ -turn[:, 2] for turn in _SIX])
+        nearest, depth = towards.argmax(axis=0), towards.max(axis=0)
+        for nth, turn in enumerate(_SIX):
+            some = np.flatnonzero(nearest == nth)
+            if len(some):
+                mine = rays[some] / depth[some, None]
+                ray, face, near, surely = self._along(nth).shown(mine @ turn, n)
+                yield mine[ray] / near[:, None], face, surely
 
 
 class LensJudge:
@@ -340,6 +379,7 @@ class LensJudge:
         if device.second is not None:
             views.append((pose @ device.second_to_first, device.second))
         self._views = [_Viewpoint(*view, everything, rounding, device) for view in views]
+        self._pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
 
     def centroids(self) -> Verdict:
         """Return the verdict on each face's centre of mass, (F,)."""
@@ -393,8 +433,29 @@ class LensJudge:
         return may
 
     def pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Of pixels this judge knows nothing: points decide."""
-        raise NotImplementedError("a lens's pixels are not counted; judge by points")
+        """Return in how many pixels of the first image each face is surely and possibly seen.
+
+        As of ``Judge``; a pixel counts where the partner, if any, sees the point that it shows.
+        """
+        if resolution not in self._pixels:
+            assert self.device.rays is not None, "a device without rays of its pixels"
+            rays = self.device.rays(resolution)
+            counts = np.zeros((2, self.n), dtype=np.int64)
+            for point, face, surely in self._views[0].shown(rays, self.n):
+                passes = self._views[0].passing(point, face, in_range=True)
+                possibly = passes > -1
+                surely = surely & (passes > 1) & self._has_area[face]
+                if len(self._views) == 2:
+                    world = point @ self._views[0].pose[:3, :3].T + self._views[0].pose[:3, 3]
+                    some = np.flatnonzero(possibly)
+                    there = self._views[1].points(world[some])
+                    second = self._views[1].look(there, face[some], in_range=False)
+                    surely[some] &= second.surely
+                    possibly[some] = second.possibly
+                for one, kept in zip(counts, (surely, possibly), strict=True):
+                    one += np.bincount(face[kept], minlength=self.n)
+            self._pixels[resolution] = counts[0], counts[1]
+        return self._pixels[resolution]
 
 
 def judge_of(
