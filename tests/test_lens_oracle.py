@@ -8,6 +8,7 @@ from support import kinds, oracle, shapes
 from support.judge import Judge
 from support.lens_kinds import SENSORS
 from support.lens_oracle import Device, LensEye, LensJudge, pose_of
+from support.one_sensor import looking, sensor
 from support.oracle import Eye
 from support.verdicts import AROUND, INSIDE, NEAR, corners_of, poses_about, size_of
 
@@ -70,6 +71,21 @@ def test_a_fisheye_goes_on_behind():
     np.testing.assert_allclose(eye.project(point), [[4, 5 - 200 * distorted]], rtol=1e-12)
 
 
+def test_three_calibrations_of_one_kind_of_camera_are_one_lens():
+    # three strangers' Azure Kinects: coefficients five times apart, pixels from the centre at 60 deg
+    radii = []
+    for focal, *k in (
+        (503.8, 4.72474, 3.20922, 0.0, 0.0, 0.170596, 5.05586, 4.77578, 0.886494),
+        (503.95, 3.130577, 2.324939, 0.0, 0.0, 0.130416, 3.458652, 3.350115, 0.662942),
+        (504.6, 0.921849, 0.500401, 0.0, 0.0, 0.028360, 1.258424, 0.751812, 0.144190),
+    ):
+        eye = LensEye("opencv", focal=(focal, focal), k=tuple(k))
+        ((x, _),) = eye.project(np.array([[math.sqrt(3), 0, -1]]))
+        radii.append(x)
+        assert eye.end > math.atan(6)  # no fold and no pole before
+    np.testing.assert_allclose(radii, [511.1, 511.7, 511.6], atol=0.06)
+
+
 @pytest.mark.parametrize(
     ("kind", "k", "degrees"),
     [
@@ -100,14 +116,14 @@ def test_points_beyond_the_fold_are_not_in_the_image_though_the_formula_puts_the
 
 @pytest.mark.parametrize("name", SENSORS)
 def test_the_products_lenses_are_read_as_they_are(name, rng):
-    device, sensor = Device.of(SENSORS[name]), SENSORS[name]
+    device, those = Device.of(SENSORS[name]), SENSORS[name]
     points = random_points(rng)
-    pairs = [(device.first, sensor.lens, points)]
-    if sensor.partner:
+    pairs = [(device.first, those.lens, points)]
+    if those.partner:
         np.testing.assert_allclose(
-            device.second_to_first, sensor.partner.partner_to_sensor, atol=1e-15
+            device.second_to_first, those.partner.partner_to_sensor, atol=1e-15
         )
-        pairs.append((device.second, sensor.partner.lens, points))
+        pairs.append((device.second, those.partner.lens, points))
     for eye, lens, some in pairs:
         inside = lens.contains(some[:, 0], some[:, 1], -some[:, 2])
         sure = np.abs(eye.margin(some, np.full(len(some), 1e-9))) > 1
@@ -179,6 +195,37 @@ def test_wide_lenses_are_judged_as_the_slow_caster_does(name, rng):
         assert np.count_nonzero(~sure) <= 0.02 * len(corners)
         total += np.count_nonzero(verdict.free)
     assert total > 50
+
+
+# --- against the product's plain pinhole
+
+
+@pytest.mark.parametrize("made", ["lattice", "torus"])
+def test_six_pinholes_of_the_product_see_what_a_sphere_does_and_two_what_a_pair_does(made, rng):
+    vertices, faces = kinds.lattice() if made == "lattice" else shapes.torus(0.7, 0.3, 64, 32)
+    corners = corners_of((vertices, faces))
+    poses = poses_about(rng, corners, (AROUND, INSIDE, NEAR))
+    square = sensor(hfov_deg=90, vfov_deg=90, far=10.0, max_incidence_deg=80)
+    turns = np.stack([pose_of((0, 0, 0), yaw) for yaw in (0, 90, 180, 270)])
+    turns = np.concatenate([turns, [pose_of((0, 0, 0), 0, pitch) for pitch in (90, -90)]])
+    there = pose_of((0.3, 0.1, -0.1), 20, -10)
+    with looking((vertices, faces), criterion="centroid") as engine:
+        six = engine.looks((poses[:, None] @ turns).reshape(-1, 4, 4), square)
+        first, second = (engine.looks(one, square) for one in (poses, poses @ there))
+    lens = LensEye("pinhole", opening=(90, 90))
+    limits = {"max_distance": 10.0, "max_incidence_deg": 80}
+    for device, maps in (
+        (Device(ALL_AROUND, by_range=True, **limits), six.reshape(3, 6, -1).any(axis=1)),
+        (Device(lens, lens, there, **limits), first & second),
+    ):
+        seen = 0
+        for pose, theirs in zip(poses, maps, strict=True):
+            verdict = LensJudge(pose, device, corners).centroids()
+            sure = ~verdict.doubtful
+            np.testing.assert_array_equal(verdict.free[sure], theirs[sure])
+            assert np.count_nonzero(~sure) <= 0.05 * len(corners)
+            seen += np.count_nonzero(theirs)
+        assert seen > 50
 
 
 # --- by hand

@@ -316,19 +316,30 @@ def test_each_has_its_incidence_and_the_first_alone_its_range(criterion):
 # --- the two and the one
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize(
+    "options",
+    [
+        VisibilityOptions("centroid"),
+        VisibilityOptions("pixels"),
+        VisibilityOptions("pixels", resolution=(320, 240)),
+        VisibilityOptions("pixels", min_pixels=3, resolution="sensor"),
+    ],
+    ids=["centroid", "pixels", "320 x 240", "3 pixels"],
+)
 @pytest.mark.parametrize(
     "lens", ["opencv", "fisheye 220", "spherical 360 x 180", "pinhole by range", "plain"]
 )
-def test_a_partner_at_the_same_place_changes_no_bit(lens, criterion, rng):
+def test_a_partner_at_the_same_place_changes_no_bit(lens, options, rng):
     one = single(Pinhole.from_degrees(60, 45)) if lens == "plain" else SENSORS[lens]
     body = shapes.blob(rng, 4, 100.0)
     poses = random_poses(rng, 4, 260.0)
     obstacle = shapes.moved(shapes.blob(rng, 2, 30.0), (0, 0, 120))
     both = replace(one, partner=Partner((0.0, 0.0, 0.0), one.lens))
-    alone = faces_seen(body, poses, one, [obstacle], criterion)
+    alone = glvis.visible_faces(body, poses, one, [obstacle], options)
     assert alone.any(axis=1).all()
-    np.testing.assert_array_equal(faces_seen(body, poses, both, [obstacle], criterion), alone)
+    np.testing.assert_array_equal(
+        glvis.visible_faces(body, poses, both, [obstacle], options), alone
+    )
 
 
 def exchanged(sensor: Sensor, poses: np.ndarray) -> tuple[Sensor, np.ndarray]:
