@@ -72,7 +72,7 @@ def test_a_fisheye_goes_on_behind():
 
 
 def test_three_calibrations_of_one_kind_of_camera_are_one_lens():
-    # three strangers' Azure Kinects: coefficients five times apart, pixels from the centre at 60 deg
+    # three Azure Kinects: coefficients five times apart; pixels from the centre at 60 degrees
     radii = []
     for focal, *k in (
         (503.8, 4.72474, 3.20922, 0.0, 0.0, 0.170596, 5.05586, 4.77578, 0.886494),

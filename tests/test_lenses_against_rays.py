@@ -126,7 +126,7 @@ def test_every_lens_sees_a_cave_from_within(lens, table, rounds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lens", SENSORS)
-@pytest.mark.parametrize("arm", [1, 2, 5])
+@pytest.mark.parametrize("arm", [2, 5])
 def test_every_lens_sees_an_arm_before_its_holder(arm, lens, table, rounds, shared_data):
     model, holder = (
         load_model(shared_data / "arms" / f"{name}.stl") for name in (f"arm{arm}", "holder")
