@@ -24,9 +24,9 @@ SLOW = {
     "any_mesh", "bad_input", "catalogue", "checkpoint", "cli", "cli_results", "cluster",
     "compare_methods", "exports", "folder_safety", "gpu_check", "hostile_files", "hostile_studies",
     "kills", "packaging", "page", "page_reading", "pictures", "pieces", "pieces_results",
-    "python", "quality_results",
-    "reach", "reproduce", "result", "rooms", "scenes", "search", "selection", "series",
-    "seriesplots", "starter", "streams", "swarm", "workers",
+    "pixel_sizes", "python", "quality_results", "reach", "reproduce", "result", "rooms", "scenes",
+    "search", "selection", "series", "seriesplots", "starter", "streams", "swarm",
+    "two_viewpoints", "workers",
 }  # fmt: skip
 
 

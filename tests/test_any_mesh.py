@@ -25,14 +25,13 @@ from support.verdicts import (
     NEAR,
     PLACES,
     Limits,
+    Table,
     Verdicts,
     Way,
     corners_of,
     device_for,
-    head,
     judged,
     poses_about,
-    row,
     size_of,
     ways,
 )
@@ -51,23 +50,9 @@ PARTS = (
 )
 
 
-class Table(list[Verdicts]):
-    """What the tests of this file found; prints itself at the end of pytest's report."""
-
-    def pytest_terminal_summary(self, terminalreporter, config):
-        if not self:
-            return
-        rows = sorted(self, key=lambda one: one.badness, reverse=True)
-        shown = rows if config.getoption("--all-meshes") else rows[:8]
-        terminalreporter.section(f"maps against rays: {len(shown)} of {len(rows)}, worst first")
-        terminalreporter.write_line(head(ways()))
-        for one in shown:
-            terminalreporter.write_line(row(one, ways()))
-
-
 @pytest.fixture(scope="module")
 def table(request) -> Table:
-    found = Table()
+    found = Table("maps against rays", ways())
     request.config.pluginmanager.register(found)
     return found
 

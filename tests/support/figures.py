@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from support.judge import Judge, Verdict
+from support.lens_oracle import LensJudge
 
 POINTS = 8  # a side: a face is judged by 64 points, its centre is one of them
 _CLOSER = (16, 64)  # points a side of a face that is called visible while none of the 64 shows
@@ -62,7 +63,7 @@ class Figures:
 class Truth:
     """What is true at one pose, worked out once for all maps that are held against it."""
 
-    def __init__(self, judge: Judge) -> None:
+    def __init__(self, judge: Judge | LensJudge) -> None:
         self._judge = judge
         self._shows: dict[int, bool] = {}  # of faces looked at closely
 

@@ -196,133 +196,39 @@ def _image_boxes(corners: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarr
     return low, high
 
 
-class Judge:
-    """One sensor before one model.
+def roundings(own: np.ndarray, everything: np.ndarray) -> np.ndarray:
+    """Return to which lengths float32 holds triangles (T, 3, 3), relative to the model's, (T,)."""
+    middle = (own.min(axis=(0, 1)) + own.max(axis=(0, 1))) / 2
+    return _STEPS * 2.0**-23 * np.linalg.norm(everything - middle, axis=2).max(axis=1)
+
+
+def has_area(own: np.ndarray) -> np.ndarray:
+    """Return which triangles (F, 3, 3) have an area in the file's own numbers, (F,) bool.
+
+    Turned by a pose, a line is a triangle of rounding.
+    """
+    cross = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+    return (cross != 0).any(axis=1)
+
+
+class Hiding:
+    """What hides points from the origin of a frame, and of which rounding leaves that open.
 
     Parameters
     ----------
-    pose : (4, 4) float64
-        Camera to world.
-    eye : Eye
-        The sensor's angles and limits.
-    triangles, obstacles : (F, 3, 3), (O, 3, 3) float64
-        The model, and what only hides.
-
-    Attributes
-    ----------
-    clip : float
-        Depth before which nothing hides.
+    fan : Fan
+        The triangles.
+    rounding : float
+        Of coordinates, a length.
+    nearest, certain : float
+        Nothing hides before the one depth; between the two it is left open.
     """
 
-    def __init__(
-        self,
-        pose: np.ndarray,
-        eye: Eye,
-        triangles: np.ndarray,
-        obstacles: np.ndarray | None = None,
-    ) -> None:
-        pose, own = np.asarray(pose, dtype=float), np.asarray(triangles, dtype=float)
-        others = np.zeros((0, 3, 3)) if obstacles is None else np.asarray(obstacles, dtype=float)
-        everything = np.concatenate([own, others])
-        self.eye, self.n = eye, len(own)
-        self._corners = (everything - pose[:3, 3]) @ pose[:3, :3]
-        deepest = -float(self._corners[..., 2].min())
-        self.clip = NEAREST * min(eye.max_distance, DEEPEST * max(deepest, 0.0))
-        self._fan = Fan(self._corners, self.clip)
-        middle = (own.min(axis=(0, 1)) + own.max(axis=(0, 1))) / 2
-        # float32 holds coordinates relative to the model's middle to this, of each and of all
-        reach = np.linalg.norm(everything - middle, axis=2).max(axis=1)
-        self._roundings = _STEPS * 2.0**-23 * reach
-        self._rounding = float(self._roundings.max())
-        # in the file's own numbers: turned by the pose, a line is a triangle of rounding
-        cross = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
-        self._has_area = self._fan.has_area[: self.n] & (cross != 0).any(axis=1)
-        self._pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+    def __init__(self, fan: Fan, rounding: float, nearest: float, certain: float) -> None:
+        self._fan, self._rounding = fan, rounding
+        self.nearest, self.certain = nearest, certain
 
-    def centroids(self) -> Verdict:
-        """Return the verdict on each face's centre of mass, (F,)."""
-        return self.look(self._corners[: self.n].mean(axis=1), np.arange(self.n))
-
-    def shares(self, n: int = 8, faces: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the shares of n * n points of faces that are surely and possibly seen, (f,) each.
-
-        The points are the centroids of the face's n * n congruent parts; ``faces`` (f,) int are
-        all where not given.
-        """
-        faces = np.arange(self.n) if faces is None else faces
-        some = np.flatnonzero(self._may_pass(faces))
-        weights = part_centroids(n)
-        surely, possibly = np.zeros(len(faces)), np.zeros(len(faces))
-        step = max(1, (1 << 20) // len(weights))
-        for first in range(0, len(some), step):
-            part = some[first : first + step]
-            points = np.einsum("pk,fkx->fpx", weights, self._corners[faces[part]])
-            own = np.repeat(faces[part], len(weights))
-            verdict = self.look(points.reshape(-1, 3), own)
-            surely[part] = verdict.surely.reshape(len(part), -1).mean(axis=1)
-            possibly[part] = verdict.possibly.reshape(len(part), -1).mean(axis=1)
-        return surely, possibly
-
-    def pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Return in how many pixels each face is surely and possibly seen, (F,) int each.
-
-        By rays through the pixels' centres; of faces that coincide each is seen.
-        """
-        if resolution not in self._pixels:
-            self._pixels[resolution] = self._count_pixels(resolution)
-        return self._pixels[resolution]
-
-    def look(self, points: np.ndarray, own: np.ndarray) -> Verdict:
-        """Return the verdict on points (R, 3) of faces ``own`` (R,)."""
-        margin = self._margin(points, own)
-        is_open = (np.abs(margin) < 1) | (-points[:, 2] < self.clip * (1 + _SHARE))
-        free, doubtful = np.zeros(len(own), dtype=bool), np.zeros(len(own), dtype=bool)
-        some = np.flatnonzero((margin > -1) & self._has_area[own])
-        hidden, unsure = self._hidden(points[some], own[some])
-        free[some] = ~hidden & (margin[some] > 0)
-        doubtful[some] = unsure | (is_open[some] & ~hidden)
-        return Verdict(free, doubtful)
-
-    # --- filters
-
-    def _margin(self, points: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Return by how many roundings points pass all filters, (R,); below 0 they do not."""
-        eye, depth = self.eye, -points[:, 2]
-        length = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
-        rounding = _SHARE + self._rounding / length
-        turning = rounding + self._turning(own)
-        cosine = self._fan.height[own] / length
-        tan_x, tan_y = eye.tan_half
-        passing = [
-            depth / length / rounding,
-            (depth - eye.min_distance) / length / rounding,
-            (tan_x * depth - np.abs(points[:, 0])) / length / rounding,
-            (tan_y * depth - np.abs(points[:, 1])) / length / rounding,
-            cosine / turning,
-            (cosine - math.cos(math.radians(min(eye.max_incidence_deg, 90.0)))) / turning,
-        ]
-        if math.isfinite(eye.max_distance):
-            passing.append((eye.max_distance - depth) / length / rounding)
-        return np.min(passing, axis=0)
-
-    def _may_pass(self, faces: np.ndarray) -> np.ndarray:
-        """Return which faces (f,) may look at the eye and lie in the image, (f,) bool."""
-        low, high = self._fan.low[faces], self._fan.high[faces]
-        tan = np.array(self.eye.tan_half) * (1 + 1e-4)
-        inside = np.all((low <= tan) & (high >= -tan), axis=1)
-        # not quite: seen from far or edge-on, rounding may turn a face to the eye
-        reach = np.linalg.norm(self._corners[faces], axis=2).max(axis=1)
-        turning = _SHARE + self._turning(faces)
-        towards = self._fan.height[faces] > -turning * reach - self._rounding
-        return inside & self._has_area[faces] & towards
-
-    def _turning(self, faces: np.ndarray) -> np.ndarray:
-        """Return by which angles rounding may turn faces (f,), in radians, (f,)."""
-        return self._roundings[faces] / np.maximum(self._fan.width[faces], 1e-300)
-
-    # --- rays against triangles
-
-    def _hidden(self, points: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def hidden(self, points: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return which points something hides, and of which rounding leaves that open."""
         surely, possibly, margin = self._before(points, own)
         unsure = np.flatnonzero(possibly & ~surely)
@@ -380,23 +286,26 @@ class Judge:
             clear = (nearness - 1) * np.abs(self._fan.height[face])
             depth = -points[ray, 2]
             sure = (inside >= inner) & (clear > _CLEAR * length[ray] + self._rounding)
-            sure &= depth >= self.clip * (1 + _SHARE) * nearness
-            possible = depth * _PLANES_OFF >= self.clip * (1 - _SHARE) * nearness
+            sure &= depth >= self.certain * nearness
+            possible = depth >= self.nearest * nearness
             surely[ray[sure]] = True
             possibly[ray[possible]] = True
             np.maximum.at(widest, ray[possible], margin[possible])
         return surely, possibly, widest
 
-    def _count_pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        rays = pixel_directions(np.eye(4), self.eye.tan_half, resolution).reshape(-1, 3)
+    def shown(self, rays: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
+        """Return what rays (R, 3) of unit depth may meet first, of P pairs.
+
+        Which ray, which of the first ``n`` triangles, how near it is (1 over its depth), and
+        whether it surely is the first; of triangles that coincide each is.
+        """
         ray, face, inside, near = self._met(rays)
-        if not len(ray):
-            return np.zeros(self.n, dtype=np.int64), np.zeros(self.n, dtype=np.int64)
         length = np.linalg.norm(rays, axis=1)[ray]
         margin = _SHARE + self._rounding * near / length
         # of each ray the nearest that rounding may show, and the nearest that it must
         outer, inner = np.zeros(len(rays)), np.zeros(len(rays))
         may, must = inside >= -margin, inside >= margin
+        must &= near * self.certain <= 1
         np.maximum.at(outer, ray[may], near[may])
         np.maximum.at(inner, ray[must], near[must])
         is_first = must & (near == inner[ray])
@@ -404,34 +313,159 @@ class Judge:
         height[ray[is_first]] = np.abs(self._fan.height[face[is_first]])
         clear = (inner[ray] / near - 1) * height[ray]
         shows = may & (clear <= _CLEAR * length / near + self._rounding)
-        shows &= face < self.n  # obstacles show and are not counted
-        ray, face, near, must = ray[shows], face[shows], near[shows], must[shows]
-        passes = self._margin(rays[ray] / near[:, None], face)
-        surely = must & (passes > 1) & (near >= outer[ray] * (1 - _BEFORE)) & self._has_area[face]
-        return (
-            np.bincount(face[surely], minlength=self.n),
-            np.bincount(face[passes > -1], minlength=self.n),
-        )
+        shows &= face < n  # obstacles show and are not counted
+        surely = must & (near >= outer[ray] * (1 - _BEFORE))
+        return ray[shows], face[shows], near[shows], surely[shows]
 
     def _met(self, rays: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return which rays (R, 3) of unit depth meet which triangles, near their edges as well.
 
-        Of P pairs: ray, triangle, the angle inside, the nearness; beyond the clip plane alone.
+        Of P pairs: ray, triangle, the angle inside, the nearness; of what may hide alone.
         """
         # rounding moves the edges of what is nearest most
-        margin = min(_SHARE + self._rounding / max(self.clip, 1e-300), 1e-3)
+        margin = min(_SHARE + self._rounding / max(self.nearest, 1e-300), 1e-3)
         found: list[tuple[np.ndarray, ...]] = []
         for mine, some in self._fan.cells(rays):
             inside, near = self._fan.meets(rays[mine], some)
             row, column = np.nonzero((inside >= -margin) & (near > 0))
             found.append((mine[row], some[column], inside[row, column], near[row, column]))
         if not found:
-            return (
-                np.zeros(0, dtype=np.int64),
-                np.zeros(0, dtype=np.int64),
-                np.zeros(0),
-                np.zeros(0),
-            )
+            none = np.zeros(0, dtype=np.int64)
+            return none, none, np.zeros(0), np.zeros(0)
         ray, face, inside, near = map(np.concatenate, zip(*found, strict=True))
-        beyond = near * self.clip <= 1
+        beyond = near * self.nearest <= 1
         return ray[beyond], face[beyond], inside[beyond], near[beyond]
+
+
+class Judge:
+    """One sensor before one model.
+
+    Parameters
+    ----------
+    pose : (4, 4) float64
+        Camera to world.
+    eye : Eye
+        The sensor's angles and limits.
+    triangles, obstacles : (F, 3, 3), (O, 3, 3) float64
+        The model, and what only hides.
+
+    Attributes
+    ----------
+    clip : float
+        Depth before which nothing hides.
+    """
+
+    def __init__(
+        self,
+        pose: np.ndarray,
+        eye: Eye,
+        triangles: np.ndarray,
+        obstacles: np.ndarray | None = None,
+    ) -> None:
+        pose, own = np.asarray(pose, dtype=float), np.asarray(triangles, dtype=float)
+        others = np.zeros((0, 3, 3)) if obstacles is None else np.asarray(obstacles, dtype=float)
+        everything = np.concatenate([own, others])
+        self.eye, self.n = eye, len(own)
+        self._corners = (everything - pose[:3, 3]) @ pose[:3, :3]
+        deepest = -float(self._corners[..., 2].min())
+        self.clip = NEAREST * min(eye.max_distance, DEEPEST * max(deepest, 0.0))
+        self._fan = Fan(self._corners, self.clip)
+        self._roundings = roundings(own, everything)
+        self._rounding = float(self._roundings.max())
+        self._has_area = self._fan.has_area[: self.n] & has_area(own)
+        nearest, certain = self.clip * (1 - _SHARE) / _PLANES_OFF, self.clip * (1 + _SHARE)
+        self._hiding = Hiding(self._fan, self._rounding, nearest, certain)
+        self._pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+
+    def centroids(self) -> Verdict:
+        """Return the verdict on each face's centre of mass, (F,)."""
+        return self.look(self._corners[: self.n].mean(axis=1), np.arange(self.n))
+
+    def shares(self, n: int = 8, faces: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the shares of n * n points of faces that are surely and possibly seen, (f,) each.
+
+        The points are the centroids of the face's n * n congruent parts; ``faces`` (f,) int are
+        all where not given.
+        """
+        faces = np.arange(self.n) if faces is None else faces
+        some = np.flatnonzero(self._may_pass(faces))
+        weights = part_centroids(n)
+        surely, possibly = np.zeros(len(faces)), np.zeros(len(faces))
+        step = max(1, (1 << 20) // len(weights))
+        for first in range(0, len(some), step):
+            part = some[first : first + step]
+            points = np.einsum("pk,fkx->fpx", weights, self._corners[faces[part]])
+            own = np.repeat(faces[part], len(weights))
+            verdict = self.look(points.reshape(-1, 3), own)
+            surely[part] = verdict.surely.reshape(len(part), -1).mean(axis=1)
+            possibly[part] = verdict.possibly.reshape(len(part), -1).mean(axis=1)
+        return surely, possibly
+
+    def pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Return in how many pixels each face is surely and possibly seen, (F,) int each.
+
+        By rays through the pixels' centres; of faces that coincide each is seen.
+        """
+        if resolution not in self._pixels:
+            self._pixels[resolution] = self._count_pixels(resolution)
+        return self._pixels[resolution]
+
+    def look(self, points: np.ndarray, own: np.ndarray) -> Verdict:
+        """Return the verdict on points (R, 3) of faces ``own`` (R,)."""
+        margin = self._margin(points, own)
+        is_open = (np.abs(margin) < 1) | (-points[:, 2] < self.clip * (1 + _SHARE))
+        free, doubtful = np.zeros(len(own), dtype=bool), np.zeros(len(own), dtype=bool)
+        some = np.flatnonzero((margin > -1) & self._has_area[own])
+        hidden, unsure = self._hiding.hidden(points[some], own[some])
+        free[some] = ~hidden & (margin[some] > 0)
+        doubtful[some] = unsure | (is_open[some] & ~hidden)
+        return Verdict(free, doubtful)
+
+    # --- filters
+
+    def _margin(self, points: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Return by how many roundings points pass all filters, (R,); below 0 they do not."""
+        eye, depth = self.eye, -points[:, 2]
+        length = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
+        rounding = _SHARE + self._rounding / length
+        turning = rounding + self._turning(own)
+        cosine = self._fan.height[own] / length
+        tan_x, tan_y = eye.tan_half
+        passing = [
+            depth / length / rounding,
+            (depth - eye.min_distance) / length / rounding,
+            (tan_x * depth - np.abs(points[:, 0])) / length / rounding,
+            (tan_y * depth - np.abs(points[:, 1])) / length / rounding,
+            cosine / turning,
+            (cosine - math.cos(math.radians(min(eye.max_incidence_deg, 90.0)))) / turning,
+        ]
+        if math.isfinite(eye.max_distance):
+            passing.append((eye.max_distance - depth) / length / rounding)
+        return np.min(passing, axis=0)
+
+    def _may_pass(self, faces: np.ndarray) -> np.ndarray:
+        """Return which faces (f,) may look at the eye and lie in the image, (f,) bool."""
+        low, high = self._fan.low[faces], self._fan.high[faces]
+        tan = np.array(self.eye.tan_half) * (1 + 1e-4)
+        inside = np.all((low <= tan) & (high >= -tan), axis=1)
+        # not quite: seen from far or edge-on, rounding may turn a face to the eye
+        reach = np.linalg.norm(self._corners[faces], axis=2).max(axis=1)
+        turning = _SHARE + self._turning(faces)
+        towards = self._fan.height[faces] > -turning * reach - self._rounding
+        return inside & self._has_area[faces] & towards
+
+    def _turning(self, faces: np.ndarray) -> np.ndarray:
+        """Return by which angles rounding may turn faces (f,), in radians, (f,)."""
+        return self._roundings[faces] / np.maximum(self._fan.width[faces], 1e-300)
+
+    # --- pixels
+
+    def _count_pixels(self, resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        rays = pixel_directions(np.eye(4), self.eye.tan_half, resolution).reshape(-1, 3)
+        ray, face, near, surely = self._hiding.shown(rays, self.n)
+        passes = self._margin(rays[ray] / near[:, None], face)
+        surely = surely & (passes > 1) & self._has_area[face]
+        return (
+            np.bincount(face[surely], minlength=self.n),
+            np.bincount(face[passes > -1], minlength=self.n),
+        )

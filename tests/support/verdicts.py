@@ -16,9 +16,8 @@ from glvis.problem.camera import look_along
 from glvis.problem.sensor import Sensor
 from glvis.visibility.selftest import can_cast
 from support.figures import Figures, Truth
-from support.judge import Judge
+from support.lens_oracle import judge_of
 from support.one_sensor import looking, sensor
-from support.oracle import Eye
 from support.shapes import Shape
 
 AROUND, SQUARE, INSIDE, NEAR, BESIDE = "around", "square", "inside", "near", "beside"
@@ -252,7 +251,7 @@ def judged(
         corners, hiding = rounded(corners, middle), rounded(hiding, middle)
     result = Verdicts(name, len(corners), {way: [] for way in those})
     for i, pose in enumerate(poses):
-        truth = Truth(Judge(pose, Eye.of(device), corners, hiding))
+        truth = Truth(judge_of(pose, device, corners, hiding))
         eye, towards = np.round(pose[:3, 3], 6).tolist(), np.round(-pose[:3, 2], 6).tolist()
         word = words[i] if i < len(words) else ""
         result.poses.append(f"pose {word} at {eye} towards {towards}".replace("  ", " "))
@@ -290,7 +289,7 @@ def row(verdicts: Verdicts, columns: Iterable[Way]) -> str:
     totals = [verdicts.total(way) for way in verdicts.by_pose]
     excused = max(total.excused_percent for total in totals)
     return (
-        f"{verdicts.name:24.24} {verdicts.n_faces:6d} {totals[0].seen:6d} {excused:5.2f} % | "
+        f"{verdicts.name:28.28} {verdicts.n_faces:6d} {totals[0].seen:6d} {excused:5.2f} % | "
         + " | ".join(cells)
     )
 
@@ -302,4 +301,25 @@ def head(those: Iterable[Way]) -> str:
         how = "cast" if way.casts else "draw"
         word = f"{way.resolution[:6]} {how}"
         cells.append(f"{word:>15}" if way.criterion == "pixels" else f"IoU {word[0]}{how[0]}")
-    return f"{'mesh':24} {'faces':>6} {'seen':>6} excused | " + " | ".join(cells)
+    return f"{'mesh':28} {'faces':>6} {'seen':>6} excused | " + " | ".join(cells)
+
+
+class Table(list[Verdicts]):
+    """What a file of tests found; prints itself at the end of pytest's report.
+
+    ``title`` heads it, ``columns`` are its ways.
+    """
+
+    def __init__(self, title: str, columns: Iterable[Way]) -> None:
+        super().__init__()
+        self._title, self._columns = title, list(columns)
+
+    def pytest_terminal_summary(self, terminalreporter, config) -> None:
+        if not self:
+            return
+        rows = sorted(self, key=lambda one: one.badness, reverse=True)
+        shown = rows if config.getoption("--all-meshes") else rows[:8]
+        terminalreporter.section(f"{self._title}: {len(shown)} of {len(rows)}, worst first")
+        terminalreporter.write_line(head(self._columns))
+        for one in shown:
+            terminalreporter.write_line(row(one, self._columns))
