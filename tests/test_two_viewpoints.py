@@ -377,8 +377,10 @@ def test_exchanged_viewpoints_see_the_same_faces(sensor, criterion, rng):
                        criterion)  # fmt: skip
     alone = faces_seen(body, poses, replace(sensor, partner=None), [obstacle], criterion)
     assert seen.sum() > 1000 and (seen <= alone).all() and (seen < alone).any()
-    # rounding may decide on a face at an edge
-    assert np.count_nonzero(seen != again) <= 1e-3 * np.count_nonzero(seen)
+    # rounding may decide on a face at an edge; and "pixels" are those of the first's image: of a
+    # face that is large in the one and small in the other, more points are asked there
+    most = 1e-3 if criterion == "centroid" else 1e-2
+    assert np.count_nonzero(seen != again) <= most * np.count_nonzero(seen)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
@@ -392,7 +394,10 @@ def test_both_see_no_more_than_each_does(criterion, rng):
         faces_seen(body, one, replace(sensor, partner=None), criterion=criterion)
         for one in (poses, there)
     )
-    assert (both <= first).all() and (both <= second).all() and both.any()
+    assert (both <= first).all() and both.any()
+    # of a face that is small in the second's own image it is asked for the centre alone
+    most = 0 if criterion == "centroid" else 1e-3 * np.count_nonzero(both)
+    assert np.count_nonzero(both & ~second) <= most
     if criterion == "centroid":  # of points seen by both is nothing else to say
         differs = both != (first & second)  # rounding may decide on a face at an edge
         assert np.count_nonzero(differs) <= 1e-3 * np.count_nonzero(both)

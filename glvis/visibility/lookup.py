@@ -11,10 +11,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.problem.lens import Lens, SphericalLens
+from glvis.problem.lens import Lens, SphericalLens, Windows
+
+Floats = NDArray[np.float64]
 
 Pixels = TypeVar("Pixels", bound=np.generic)
 
+# Times as fine as the image the windows are, at least: so the middle of the nearest of their pixels
+# is never beyond the border of one of the image.
+_FINER = math.sqrt(2)
 _SAMPLES = 33  # a side, of the image, by which the windows' size is chosen
 _LARGEST = 8192  # pixels a side of a window, at most: more than every OpenGL draws
 
@@ -25,12 +30,15 @@ class Lookup:
 
     Attributes
     ----------
+    windows : Windows
+        Of the lens.
     window_size : tuple of int
         Pixels (width, height) of every window: none coarser than the image itself.
     place : (H, W) int64
         Index into the pixels of all windows, one after the other; -1 where there is no ray.
     """
 
+    windows: Windows
     window_size: tuple[int, int]
     place: NDArray[np.int64]
 
@@ -41,9 +49,24 @@ class Lookup:
         image[self.place < 0] = nothing
         return image
 
+    def rays(self, pixels: NDArray[np.integer]) -> Floats:
+        """Return the directions (3, n) that pixels (n,) of the flat image show: x, y and depth.
+
+        They are those of the windows' own pixels, by which faces are told apart.
+        """
+        width, height = self.window_size
+        tan_x, tan_y = self.windows.tan_half.tolist()
+        row, column = np.divmod(self.place.ravel()[pixels], width)
+        number, row = np.divmod(row, height)
+        x, y = (2 * (column + 0.5) / width - 1) * tan_x, (1 - 2 * (row + 0.5) / height) * tan_y
+        in_window = np.stack([x, y, np.full(len(x), -1.0)])
+        turns = self.windows.window_to_camera[number]
+        right, up, back = np.einsum("nij,jn->in", turns, in_window)
+        return np.stack([right, up, -back])
+
 
 @lru_cache(maxsize=16)
-def lookup_of(lens: Lens, resolution: tuple[int, int], finer: float = 1.0) -> Lookup:
+def lookup_of(lens: Lens, resolution: tuple[int, int]) -> Lookup:
     """Return where the pixels of a lens's image are found.
 
     Parameters
@@ -52,13 +75,11 @@ def lookup_of(lens: Lens, resolution: tuple[int, int], finer: float = 1.0) -> Lo
         What is not a pinhole.
     resolution : tuple of int
         Pixels (width, height) of the image.
-    finer : float
-        Times as fine as the image the windows are, at least.
     """
     width, height = resolution
     windows = lens.windows
     tan_x, tan_y = windows.tan_half.tolist()
-    focal = finer * _finest(lens, resolution)
+    focal = _FINER * _finest(lens, resolution)
     size = tuple(min(max(1, math.ceil(2 * focal * tan)), _LARGEST) for tan in (tan_x, tan_y))
     u, v = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
     x, y, depth = lens.directions(u, v)
@@ -72,21 +93,26 @@ def lookup_of(lens: Lens, resolution: tuple[int, int], finer: float = 1.0) -> Lo
             row = ((1 - above[inside] / tan_y) / 2 * size[1]).astype(np.int64)
             column, row = np.minimum(column, size[0] - 1), np.minimum(row, size[1] - 1)
             place[inside] = (number * size[1] + row) * size[0] + column
-    return Lookup((size[0], size[1]), place)
+    return Lookup(windows, (size[0], size[1]), place)
 
 
 def _finest(lens: Lens, resolution: tuple[int, int]) -> float:
     """Return the most pixels that a unit of tangent takes anywhere in the image."""
     if isinstance(lens, SphericalLens):  # at the poles columns crowd, but show the same
         return max(share * n for share, n in zip(lens.focal, resolution, strict=True))
-    u, v = np.meshgrid(*[np.linspace(0, 1, _SAMPLES)] * 2)
-    directions = lens.directions(u.ravel(), v.ravel())
-    x, y, depth = directions[:, np.isfinite(directions[0])]
-    density = lens.image_a_steradian(x, y, depth) * resolution[0] * resolution[1]
-    most = 0.0
-    for turn in lens.windows.window_to_camera:
-        back = turn.T[2] @ np.stack([x, y, -depth])
-        # an area of tangents at cosine c takes c^3 of it as a solid angle
-        in_window = np.where(-back > 0, density * np.maximum(-back, 0.0) ** 3, 0.0)
-        most = max(most, float(np.nanmax(in_window, initial=0.0)))
-    return math.sqrt(most)
+    width, height = resolution
+    u, v = (one.ravel() for one in np.meshgrid(*[np.linspace(0, 1, _SAMPLES)] * 2))
+    least = math.inf
+    flip = np.array([[1.0], [1.0], [-1.0]])
+    here = flip * lens.directions(u, v)
+    for next_u, next_v in ((1 / width, 0.0), (0.0, 1 / height)):  # towards the middle
+        to_u, to_v = u + np.where(u > 0.5, -next_u, next_u), v + np.where(v > 0.5, -next_v, next_v)
+        there = flip * lens.directions(to_u, to_v)
+        for turn in lens.windows.window_to_camera:
+            x, y, back = turn.T @ here
+            other_x, other_y, other_back = turn.T @ there
+            with np.errstate(invalid="ignore", divide="ignore"):
+                before = np.maximum(np.abs(x), np.abs(y)) <= -2 * back  # in the window, or nearly
+                apart = np.hypot(x / back - other_x / other_back, y / back - other_y / other_back)
+            least = min(least, float(np.nanmin(apart[before], initial=math.inf)))
+    return 1 / least

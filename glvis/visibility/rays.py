@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glvis.problem.lens import Pinhole
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.visibility.culling import Culled
 from glvis.visibility.filters import CameraFaces, face_camera, may_pass, pass_filters
 from glvis.visibility.gpu_scene import GpuScene
+from glvis.visibility.lookup import lookup_of
 from glvis.visibility.occlusion import unhidden
 from glvis.visibility.points import (
     Large,
@@ -200,8 +202,12 @@ def seen_by_partner(
     ids = image.ravel().astype(np.intp)
     pixels = np.flatnonzero(ids)
     faces, pose = ids[pixels] - 1, views.camera_to_world[view]
-    row, column = np.divmod(pixels, width)
-    ray = views.limits.lens.directions((column + 0.5) / width, (row + 0.5) / height)
+    lens = views.limits.lens
+    if isinstance(lens, Pinhole):
+        row, column = np.divmod(pixels, width)
+        ray = lens.directions((column + 0.5) / width, (row + 0.5) / height)
+    else:
+        ray = lookup_of(lens, (width, height)).rays(pixels)
     normals = pose[:3, :3].T @ model.normals[faces].T
     centres = pose[:3, :3].T @ (model.centroids[faces] - pose[:3, 3]).T
     flip = np.array([[1.0], [1.0], [-1.0]])
