@@ -11,19 +11,14 @@ import pytest
 from glvis.cli.app import main
 from glvis.evaluation.checks import no_pinholes
 from glvis.problem.calibrated_lens import OpenCVLens
-from glvis.problem.catalogue import (
-    catalogue,
-    complaint,
-    entries,
-    find_entry,
-    find_sensor,
-    scaled,
-    sensor_of,
-)
+from glvis.problem.catalogue import complaint, entries, find_entry, scaled
 from glvis.problem.lens import Pinhole, SphericalLens
 from glvis.problem.sensor import Partner, Sensor
 from glvis.problem.units import MM_PER_UNIT
+from glvis.study.catalogue_sensors import catalogue, find_sensor
+from glvis.study.lens_table import lens_of
 from glvis.study.loading import load_study
+from glvis.study.sensor_table import SensorTable
 from glvis.study.starter import write_starter
 from glvis.study.starter_study import Choices
 
@@ -39,7 +34,8 @@ whole = pytest.mark.parametrize("entry", ALL, ids=lambda entry: entry.name)
 
 def completed(entry) -> Sensor:
     """Return the sensor of an entry, with a range and pixels of ours where it has none."""
-    return sensor_of(entry.name, {"max_distance": 9e3, "resolution": [360, 90]} | entry.table)
+    table = {"max_distance": 9e3, "resolution": [360, 90]} | entry.table
+    return SensorTable.model_validate(table).to_sensor(entry.name)
 
 
 def numbers(table: dict, above: str = "") -> list[str]:
@@ -119,7 +115,7 @@ STATED = [
 
 @pytest.mark.parametrize(("name", "hfov", "vfov", "within"), STATED)
 def test_angles_that_follow_are_those_that_are_stated(name, hfov, vfov, within):
-    found = np.degrees(find_entry(name).lens.opening)
+    found = np.degrees(lens_of(find_entry(name).table).opening)
     np.testing.assert_allclose(found, [hfov, vfov], atol=within)
 
 
@@ -243,23 +239,33 @@ def test_three_azure_kinects_are_one_lens_though_their_coefficients_differ_fivef
 def test_modes_of_an_azure_kinect_are_one_lens():
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-0.6, 0.6, (2, 100))  # within the narrow field
-    whole = np.array(find_entry("azure-kinect-wfov").lens.project(x, y, 1.0)) * 1024
-    part = np.array(find_entry("azure-kinect-nfov").lens.project(x, y, 1.0)).T * [640, 576]
+    whole = np.array(lens_of(find_entry("azure-kinect-wfov").table).project(x, y, 1.0)) * 1024
+    part = np.array(lens_of(find_entry("azure-kinect-nfov").table).project(x, y, 1.0)).T * [
+        640,
+        576,
+    ]
     np.testing.assert_allclose(whole.T - [192, 180], part, atol=1e-9)
     for mode in ("wfov", "nfov"):
-        one = find_entry(f"azure-kinect-{mode}").lens.project(x, y, 1.0)
-        binned = find_entry(f"azure-kinect-{mode}-binned").lens.project(x, y, 1.0)
+        one = lens_of(find_entry(f"azure-kinect-{mode}").table).project(x, y, 1.0)
+        binned = lens_of(find_entry(f"azure-kinect-{mode}-binned").table).project(x, y, 1.0)
         np.testing.assert_allclose(binned, one, atol=1e-12)
 
 
 def test_a_round_field_has_blind_corners():
-    assert find_entry("azure-kinect-wfov").lens.has_blind_corners
-    assert not find_entry("azure-kinect-nfov").lens.has_blind_corners
+    assert lens_of(find_entry("azure-kinect-wfov").table).has_blind_corners
+    assert not lens_of(find_entry("azure-kinect-nfov").table).has_blind_corners
+
+
+def test_a_partner_in_pixels_says_of_which_image():
+    """Else another resolution beside ``from`` would change its lens."""
+    for entry in ALL:
+        partner = entry.table.get("partner", {})
+        assert "focal_px" not in partner or "resolution" in partner
 
 
 def test_lidars_measure_ranges_and_the_others_depths():
     for entry in ALL:
-        is_turning = isinstance(entry.lens, SphericalLens)
+        is_turning = isinstance(lens_of(entry.table), SphericalLens)
         assert is_turning == (entry.kind == "lidar")
         assert completed(entry).distance == ("range" if is_turning else "depth")
 
@@ -301,9 +307,8 @@ def test_the_focus_is_scaled_but_for_its_f_number():
         {"focal_length": 0.8, "f_number": 4, "distance": 60, "pixel_pitch": 0.000345}
     )
     assert table["max_distance"] == pytest.approx(0.5)
-    made = sensor_of(
-        "one", table | {"hfov_deg": 60, "vfov_deg": 46.8, "resolution": [64, 48], "cost": 5}
-    )
+    table |= {"hfov_deg": 60, "vfov_deg": 46.8, "resolution": [64, 48], "cost": 5}
+    made = SensorTable.model_validate(table).to_sensor("one")
     assert made.focus.f_number == 4 and made.cost == 5
 
 

@@ -71,8 +71,8 @@ def test_a_lidar_that_measures_depth_is_told(warnings):
 
 
 def test_the_check_of_a_study_tells_it(tmp_path):
-    text = SMALL.replace(
-        "hfov_deg = 60\nvfov_deg = 40\nresolution = [96, 64]", (f"{CCTV}resolution = [1920, 1080]")
-    )
+    plain = "hfov_deg = 60\nvfov_deg = 42\nresolution = [96, 64]"
+    assert plain in SMALL
+    text = SMALL.replace(plain, f"{CCTV}resolution = [1920, 1080]")
     found = study_warnings(load_study(write_two_cubes(tmp_path, text)))
     assert sum("ends inside its own image" in line for line in found) == 1

@@ -416,7 +416,7 @@ def test_part_centroids_are_those_of_congruent_parts():
 
 
 def test_eye_reads_a_sensor_in_degrees():
-    from glvis.problem.catalogue import catalogue
+    from glvis.study.catalogue_sensors import catalogue
 
     eye = Eye.of(catalogue("mm")["d415-buonamici"])
     assert (eye.hfov_deg, eye.vfov_deg) == pytest.approx((66.4, 39.5))

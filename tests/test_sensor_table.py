@@ -11,9 +11,10 @@ from support.two_cubes import SMALL, write_two_cubes
 
 from glvis.errors import StudyError
 from glvis.problem.calibrated_lens import FisheyeLens, OpenCVLens
+from glvis.problem.catalogue import entries
 from glvis.problem.lens import Pinhole, SphericalLens
 from glvis.problem.sensor import Focus, Noise, Partner, Sensor
-from glvis.study import sensor_table as module
+from glvis.study.catalogue_sensors import catalogue, find_sensor
 from glvis.study.lengths import with_plain_lengths
 from glvis.study.loading import load_study
 from glvis.study.overrides import toml_text
@@ -168,7 +169,15 @@ WRONG = {
     "focus = { focal_length = 8, f_number = 4, distance = 8, pixel_pitch = 1 }": (
         "focus: distance = 8 in focus must be more than the focal length, 8"
     ),
-    "from = 'd416'": "from = 'd416' is unknown; did you mean 'd415'?; known are d415, kinect-v2",
+    "from = 'kinect-v3'": "from = 'kinect-v3' is unknown; 'glvis sensors' lists the catalogue",
+    "from = 'kinectv2'": (
+        "from = 'kinectv2' is unknown; did you mean 'kinect-v2'?; 'glvis sensors' lists the "
+        "catalogue"
+    ),
+    "from = 'd415'": (
+        "from = 'd415' is ambiguous: 'd415-buonamici' is the paper's (66.4 x 39.5 deg, 160 to 350 "
+        "mm), 'realsense-d415' the maker's sheet"
+    ),
 }  # fmt: skip
 ONE_KEY = {
     "lens = 'wide'": "lens = 'wide' must be 'pinhole', 'opencv', 'fisheye' or 'spherical'",
@@ -313,69 +322,91 @@ def test_a_lens_in_pixels_of_another_size_is_written_in_those_of_the_sensor():
 # --- the catalogue
 
 
-@pytest.fixture
-def entry(monkeypatch):
-    """Put one sensor into the catalogue, in place of all; return what puts it there."""
-
-    def put(sensor: Sensor) -> None:
-        monkeypatch.setattr(module, "find_entry", lambda name, unit: sensor)
-
-    return put
+D435, AZURE = find_sensor("realsense-d435", "mm"), find_sensor("azure-kinect-nfov", "mm")
 
 
-PAIR = Sensor(
-    "pair", Pinhole.from_tangents(640 / 645, 360 / 645), (1280, 720), 160, 3000,
-    math.radians(70), partner=Partner((50, 0, 0), Pinhole.from_tangents(640 / 645, 360 / 645)),
-    noise=Noise(0.08), emits="dots", cost=300.0,
-)  # fmt: skip
+@pytest.mark.parametrize("unit", ["mm", "in"])
+@pytest.mark.parametrize("name", catalogue("mm"))
+def test_an_entry_of_the_catalogue_is_the_sensor_by_another_name(name, unit):
+    found = sensor_of(f"from = '{name}'", unit)
+    assert found == dataclasses.replace(catalogue(unit)[name], name="cam")
+    assert again(found) == found
 
 
-def test_an_entry_of_the_catalogue_is_the_sensor_by_another_name(entry):
-    entry(PAIR)
-    assert sensor_of("from = 'pair'") == dataclasses.replace(PAIR, name="cam")
-
-
-def test_keys_beside_an_entry_go_before_its_own(entry):
-    entry(PAIR)
-    found = sensor_of("from = 'pair'\nmax_distance = '1 m'\nnoise = { polynomial = [1] }")
+def test_keys_beside_an_entry_go_before_its_own():
+    found = sensor_of("from = 'realsense-d435'\nmax_distance = '1 m'\nnoise = { polynomial = [1] }")
     assert found.max_distance == 1000
     assert found.noise == Noise(polynomial=(1.0,))
-    assert (found.lens, found.partner) == (PAIR.lens, PAIR.partner)
+    assert (found.lens, found.partner) == (D435.lens, D435.partner)
 
 
-def test_resolution_alone_leaves_the_field_of_view(entry):
-    entry(PAIR)
-    found = sensor_of("from = 'pair'\nresolution = [640, 360]")
-    assert found.resolution == (640, 360)
-    assert found.lens.opening == pytest.approx(PAIR.lens.opening, rel=1e-12)
-    bent = OpenCVLens((1280, 720), (645, 645), (640, 350), (-0.2, 0.1, 0, 0))
-    entry(dataclasses.replace(PAIR, lens=bent))
-    assert sensor_of("from = 'pair'\nresolution = [640, 360]").lens == bent.at_size((640, 360))
-
-
-def test_one_key_of_a_lens_changes_that_lens_where_it_has_it(entry):
-    entry(PAIR)
-    lens = sensor_of("from = 'pair'\nhfov_deg = 80").lens
-    assert lens.hfov == math.radians(80)
-    assert lens.vfov == pytest.approx(PAIR.lens.vfov)
-    bent = OpenCVLens((1280, 720), (645, 645), (640, 350), (-0.2, 0.1, 0, 0))
-    entry(dataclasses.replace(PAIR, lens=bent))
-    moved = sensor_of("from = 'pair'\ncentre_px = [600, 350]").lens
-    assert moved == dataclasses.replace(bent, centre_px=(600, 350))
-    round_ = sensor_of("from = 'pair'\nmax_angle_deg = 30").lens
-    assert round_ == dataclasses.replace(bent, max_angle=math.radians(30))
-
-
-def test_another_lens_beside_an_entry_is_a_lens_as_a_whole(entry):
-    bent = OpenCVLens((1280, 720), (645, 645), (640, 350), (-0.2, 0.1, 0, 0))
-    entry(dataclasses.replace(PAIR, lens=bent))
-    assert sensor_of("from = 'pair'\nhfov_deg = 60\nvfov_deg = 40").lens == Pinhole.from_degrees(
-        60, 40
+@pytest.mark.parametrize("name", [name for name, entry in entries().items() if entry.missing])
+def test_an_entry_that_lacks_a_number_takes_it_from_the_table(name):
+    (key,) = entries()[name].missing
+    found = sensor_of(f"from = '{name}'\nmax_distance = 9\nresolution = [36, 9]\nmin_distance = 0")
+    assert (found.max_distance, found.resolution) == (9, (36, 9))
+    with pytest.raises(ValueError) as caught:
+        sensor_of(f"from = '{name}'\nmin_distance = 1")
+    assert str(caught.value) == (
+        f"from = '{name}' has no {key} in the catalogue; give yours beside it"
     )
+
+
+def test_a_range_beside_a_camera_keeps_its_pixels():
+    found = sensor_of("from = 'imx264-8mm'\nmax_distance = 2", "m")
+    assert (found.resolution, found.max_distance) == ((2448, 2048), 2)
+    assert found.focal_pixels() == pytest.approx((2318.8, 2318.8))
+
+
+def test_resolution_alone_leaves_the_field_of_view():
+    found = sensor_of("from = 'realsense-d435'\nresolution = [640, 360]")
+    assert found.resolution == (640, 360)
+    assert found.lens.opening == pytest.approx(D435.lens.opening, rel=1e-12)
+    assert found.partner.lens == found.lens
+    bent = sensor_of("from = 'azure-kinect-nfov'\nresolution = [320, 288]").lens
+    assert bent == AZURE.lens.at_size((320, 288))
+    # two pixels are one, as in the entry of the camera's own binned mode
+    binned = find_sensor("azure-kinect-nfov-binned", "mm").lens
+    assert bent.project(0.3, 0.2, 1) == pytest.approx(binned.project(0.3, 0.2, 1), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["zivid-2-m70", "phoxi-m"])
+def test_a_partner_keeps_its_own_lens(name):
+    projector = find_sensor(name, "mm").partner
+    for keys in ("resolution = [972, 600]", "hfov_deg = 30", "lens = 'fisheye'\nfocal_px = [9, 9]"):
+        assert sensor_of(f"from = '{name}'\n{keys}").partner == projector
+
+
+def test_a_partner_without_a_lens_of_its_own_has_the_one_of_its_sensor():
+    found = sensor_of("from = 'realsense-d435'\nhfov_deg = 60\nvfov_deg = 40")
+    assert found.partner.lens == found.lens == Pinhole.from_degrees(60, 40)
+    assert found.partner.offset == D435.partner.offset
+
+
+def test_one_key_of_a_lens_changes_that_lens_where_it_has_it():
+    lens = sensor_of("from = 'realsense-d435'\nhfov_deg = 80").lens
+    assert lens.hfov == math.radians(80)
+    assert lens.vfov == pytest.approx(D435.lens.vfov)
+    moved = sensor_of("from = 'azure-kinect-nfov'\ncentre_px = [300, 350]").lens
+    assert moved == dataclasses.replace(AZURE.lens, centre_px=(300, 350))
+    round_ = sensor_of("from = 'azure-kinect-nfov'\nmax_angle_deg = 30").lens
+    assert round_ == dataclasses.replace(AZURE.lens, max_angle=math.radians(30))
+    # a key that the entry leaves to its default is one of its lens as well
+    moved = sensor_of("from = 'hik-2.8'\nmax_distance = 9\ncentre_px = [950, 540]").lens
+    assert moved == FisheyeLens((1920, 1080), (1034, 1034), (950, 540), ())
+
+
+def test_another_lens_beside_an_entry_is_a_lens_as_a_whole():
+    plain = sensor_of("from = 'azure-kinect-nfov'\nhfov_deg = 60\nvfov_deg = 40").lens
+    assert plain == Pinhole.from_degrees(60, 40)
     with pytest.raises(ValueError, match="'vfov_deg' is missing"):
-        sensor_of("from = 'pair'\nhfov_deg = 60")
-    fisheye = sensor_of("from = 'pair'\nlens = 'fisheye'\nfocal_px = [400, 400]").lens
+        sensor_of("from = 'azure-kinect-nfov'\nhfov_deg = 60")
+    fisheye = sensor_of("from = 'realsense-d435'\nlens = 'fisheye'\nfocal_px = [400, 400]").lens
     assert fisheye == FisheyeLens((1280, 720), (400, 400), (639.5, 359.5), ())
+    turning = sensor_of(
+        "from = 'velodyne-vlp-16'\nlens = 'fisheye'\nfocal_px = [400, 400]\nresolution = [9, 9]"
+    )
+    assert turning.distance == "depth"  # by the new lens
 
 
 # --- studies
@@ -429,7 +460,7 @@ def test_settings_reach_every_key_of_a_sensor(tmp_path):
     study = load_study(
         path,
         ["sensor.eye.partner.offset=[75, 0, 0]", "sensor.eye.noise.subpixel=0.1",
-         "sensor.eye.from=d415", "sensor.eye.distance=range"],
+         "sensor.eye.from=realsense-d415", "sensor.eye.distance=range"],
     )  # fmt: skip
     sensor = study.sensors[0]
     assert sensor.partner.offset == (75, 0, 0)
@@ -440,12 +471,52 @@ def test_settings_reach_every_key_of_a_sensor(tmp_path):
     assert load_study(copy).sensors == study.sensors
 
 
-def test_a_setting_in_a_table_of_an_entry_keeps_the_rest_of_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "find_entry", lambda name, unit: PAIR)
-    monkeypatch.setattr("glvis.study.overrides.find_entry", lambda name, unit: PAIR)
-    path = study_with(tmp_path, "from = 'pair'")
-    sensor = load_study(path, ["sensor.eye.partner.role=projector"]).sensors[0]
-    assert sensor.partner == dataclasses.replace(PAIR.partner, role="projector")
+@pytest.mark.parametrize("is_named_by_mounts", [False, True])
+def test_a_setting_in_a_table_of_an_entry_keeps_the_rest_of_it(tmp_path, is_named_by_mounts):
+    path = study_with(tmp_path, "from = 'realsense-d435'")
+    name = "eye"
+    if is_named_by_mounts:
+        path, name = study_of(tmp_path, "realsense-d435"), "realsense-d435"
+    sensor = load_study(path, [f"sensor.{name}.partner.role=projector"]).sensors[0]
+    assert sensor.partner == dataclasses.replace(D435.partner, role="projector")
+    sensor = load_study(path, [f"sensor.{name}.noise.subpixel=0.1"]).sensors[0]
+    assert sensor == dataclasses.replace(D435, name=name, noise=Noise(0.1))
+    sensor = load_study(path, [f"sensor.{name}.partner.offset.0=60"]).sensors[0]
+    assert sensor.partner.offset == (60, 0, 0)
+    assert find_sensor("realsense-d435", "mm") == D435  # nothing was written into the catalogue
+    sensor = load_study(path, [f"sensor.{name}.resolution.0=640"]).sensors[0]
+    assert sensor.resolution == (640, 720)
+
+
+def study_of(folder, name: str) -> str:
+    """Write the small study with its mounts naming a sensor that has no table; return its path."""
+    head, _, rest = SMALL.partition("[sensor.eye]")
+    mounts = rest[rest.index("[[mount]]") :].replace('sensor = "eye"', f'sensor = "{name}"')
+    return write_two_cubes(folder, head + mounts)
+
+
+def test_settings_reach_a_sensor_of_the_catalogue_without_a_table(tmp_path):
+    path = study_of(tmp_path, "realsense-d435")
+    study = load_study(path, ["sensor.realsense-d435.max_distance=2000"])
+    assert study.sensors[0] == dataclasses.replace(D435, max_distance=2000)
+    copy = tmp_path / "copy.toml"
+    copy.write_text(study.text)
+    assert "from" not in tomllib.loads(study.text)["sensor"]["realsense-d435"]
+    assert load_study(copy).sensors == study.sensors
+
+
+def test_a_setting_gives_what_the_catalogue_lacks(tmp_path):
+    path = study_of(tmp_path, "imx264-8mm")
+    with pytest.raises(StudyError, match="'imx264-8mm' has no max_distance in the catalogue; give"):
+        load_study(path)
+    sensor = load_study(path, ["sensor.imx264-8mm.max_distance=2000"]).sensors[0]
+    assert (sensor.max_distance, sensor.resolution) == (2000, (2448, 2048))
+    with pytest.raises(StudyError) as caught:
+        load_study(path, ["sensor.imx264-8mm.min_distance=1"])
+    assert str(caught.value) == (
+        f"{path}: [sensor.imx264-8mm] from = 'imx264-8mm' has no max_distance in the catalogue; "
+        "give yours beside it"
+    )
 
 
 def test_lengths_in_a_sensor_may_have_their_own_unit_and_pixels_may_not():

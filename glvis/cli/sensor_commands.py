@@ -55,6 +55,7 @@ def sensors(
 def _lines_of_all(chosen: list[Entry], unit: str) -> Iterator[str]:
     """Yield the list, each kind of sensors below its name."""
     from glvis.cli.terminal import table
+    from glvis.study.lens_table import lens_of
 
     header = ["name", "field [deg]", "pixels", f"range [{unit}]", "baseline"]
     has_prices = any(entry.price_class for entry in chosen)
@@ -62,7 +63,7 @@ def _lines_of_all(chosen: list[Entry], unit: str) -> Iterator[str]:
     for entry in chosen:
         own = entry.table_in(unit)
         size = own.get("resolution")
-        row = [entry.name, _field(entry.lens), f"{size[0]} x {size[1]}" if size else ""]
+        row = [entry.name, _field(lens_of(own)), f"{size[0]} x {size[1]}" if size else ""]
         row += [_range(own), _baseline(own), *([entry.price_class] if has_prices else [])]
         rows.append(row)
     head, *lines = table([*header, *(["price"] if has_prices else [])], rows)
@@ -80,11 +81,14 @@ def _lines_of_one(entry: Entry, unit: str) -> Iterator[str]:
     """Yield all numbers of an entry, each with the number of its source, then the sources."""
     from glvis.cli.terminal import listing
     from glvis.problem.units import unit_word
+    from glvis.study.lens_table import lens_of
 
     yield f"{entry.name}: {entry.kind}, {entry.maker}"
     yield f"Lengths in {unit_word(unit)}, angles in degrees; (1) is the number of its source."
     yield ""
-    rows = [("field of view", "", f"{_field(entry.lens)}, along the middle row and column")]
+    rows = [
+        ("field of view", "", f"{_field(lens_of(entry.table))}, along the middle row and column")
+    ]
     places: dict[str, int] = {}
     for key, value in _flat(entry.table_in(unit)):
         source = entry.source_of(key)

@@ -1,25 +1,22 @@
 """The sensors that a study may name without describing them, each number with its source.
 
 They stand in ``sensors.toml``, in the words of a study's table [sensor.NAME], millimetres and
-degrees. What nobody has published is absent there, and asked for where it is needed.
+degrees. What nobody has published is absent there, and asked for where it is needed. What makes
+a sensor of them is what reads a study's own tables: glvis.study.catalogue_sensors.
 """
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from glvis.common.hints import command
-from glvis.problem.calibrated_lens import FisheyeLens, OpenCVLens
 from glvis.problem.expressions import nearest
-from glvis.problem.lens import Lens, Pinhole, SphericalLens
-from glvis.problem.sensor import Focus, Noise, Partner, Sensor
 from glvis.problem.units import MM_PER_UNIT
 
 Table = Mapping[str, Any]
@@ -27,7 +24,6 @@ Table = Mapping[str, Any]
 _FILE = Path(__file__).with_name("sensors.toml")
 _ABOUT = ("kind", "maker", "grade", "date", "notes", "price_class", "sources")
 _NEEDED = ("resolution", "max_distance")  # of a sensor; the rest has a default or is the lens's
-_CALIBRATED = {"opencv": OpenCVLens, "fisheye": FisheyeLens}
 _REFERENCE = re.compile(r"\{([\w-]+)\}")
 # Bare names of products that are more than one entry, and which of them are meant.
 _TWOFOLD = {
@@ -83,32 +79,14 @@ class Entry:
         """What is ``missing`` and where a study gives it, as the end of a sentence; or ""."""
         if not self.missing:
             return ""
-        return (
-            f"has no {' and '.join(self.missing)} in the catalogue; give yours in a table "
-            f"[sensor.NAME] with from = '{self.name}'"
-        )
+        return f"{self.lack_beside(())} in a table [sensor.NAME] with from = '{self.name}'"
 
-    @cached_property
-    def lens(self) -> Lens:
-        """Its projection."""
-        return _lens(self.table)
-
-    @cached_property
-    def sensor(self) -> Sensor:
-        """The same as a sensor, millimetres; ValueError where something is ``missing``."""
-        return self.in_unit("mm")
-
-    def in_unit(self, unit: str) -> Sensor:
-        """Return the sensor with its lengths in a study's unit.
-
-        Raises
-        ------
-        ValueError
-            Where something is ``missing``.
-        """
-        if self.missing:
-            raise ValueError(f"sensor '{self.name}' {self.lack}")
-        return sensor_of(self.name, self.table_in(unit))
+    def lack_beside(self, given: Collection[str]) -> str:
+        """Return what is ``missing`` but for the keys that are given, in a few words; or ""."""
+        lacking = [key for key in self.missing if key not in given]
+        if not lacking:
+            return ""
+        return f"has no {' and '.join(lacking)} in the catalogue; give yours"
 
     def table_in(self, unit: str) -> dict[str, Any]:
         """Return its table with the lengths in a unit."""
@@ -125,23 +103,6 @@ def entries() -> dict[str, Entry]:
     data = tomllib.loads(_FILE.read_text(encoding="utf-8"))
     date, references = data.pop("date"), data.pop("references")
     return {name: _entry(name, table, date, references) for name, table in data.items()}
-
-
-def catalogue(unit: str) -> dict[str, Sensor]:
-    """Return the sensors that a study may name as they are, all lengths in its unit."""
-    return dict(_complete(unit))
-
-
-def find_sensor(name: str, unit: str) -> Sensor:
-    """Return a sensor of the catalogue, all lengths in a study's unit.
-
-    Raises
-    ------
-    ValueError
-        If there is none of the name, if it is two, or if it lacks a number; in one line that
-        begins with "sensor 'NAME'".
-    """
-    return find_entry(name).in_unit(unit)
 
 
 def find_entry(name: str) -> Entry:
@@ -176,27 +137,6 @@ def complaint(name: str, others: Iterable[str] = ()) -> str:
     return f"is unknown{hint}; '{command('sensors')}' lists the catalogue"
 
 
-def sensor_of(name: str, table: Table) -> Sensor:
-    """Return the sensor of a table in the words of a study, complete and in the study's unit."""
-    lens = _lens(table)
-    noise, focus = table.get("noise"), table.get("focus")
-    is_turning = isinstance(lens, SphericalLens)
-    return Sensor(
-        name,
-        lens,
-        (table["resolution"][0], table["resolution"][1]),
-        table.get("min_distance", 0.0),
-        table["max_distance"],
-        math.radians(table.get("max_incidence_deg", 90.0)),
-        table.get("distance", "range" if is_turning else "depth"),
-        _partner(table["partner"], lens) if "partner" in table else None,
-        Noise(**{**noise, "polynomial": tuple(noise.get("polynomial", ()))}) if noise else None,
-        Focus(**focus) if focus else None,
-        table.get("emits", ""),
-        table.get("cost"),
-    )
-
-
 def scaled(table: Table, factor: float) -> dict[str, Any]:
     """Return a table of a sensor with all its lengths times a factor.
 
@@ -219,11 +159,6 @@ def scaled(table: Table, factor: float) -> dict[str, Any]:
     return found
 
 
-@cache
-def _complete(unit: str) -> dict[str, Sensor]:
-    return {name: one.in_unit(unit) for name, one in entries().items() if not one.missing}
-
-
 def _entry(name: str, table: Table, date: str, references: Mapping[str, str]) -> Entry:
     """Return an entry of the file; a source may name several keys, and references in braces."""
     sources = {
@@ -241,39 +176,6 @@ def _entry(name: str, table: Table, date: str, references: Mapping[str, str]) ->
         sources,
         tuple(table.get("notes", ())),
         table.get("price_class", ""),
-    )
-
-
-def _lens(table: Table) -> Lens:
-    """Return the projection of a sensor, or of a partner."""
-    kind = table.get("lens", "pinhole")
-    if kind == "spherical":
-        low, high = table["elevation_deg"]
-        return SphericalLens(
-            math.radians(table["azimuth_deg"]), (math.radians(low), math.radians(high))
-        )
-    if "hfov_deg" in table:
-        return Pinhole.from_degrees(table["hfov_deg"], table["vfov_deg"])
-    (fx, fy), (width, height) = table["focal_px"], table["resolution"]
-    if kind == "pinhole":
-        return Pinhole.from_tangents(width / (2 * fx), height / (2 * fy))
-    cx, cy = table.get("centre_px", ((width - 1) / 2, (height - 1) / 2))
-    return _CALIBRATED[kind](
-        (width, height),
-        (fx, fy),
-        (cx, cy),
-        tuple(table.get("distortion", ())),
-        math.radians(table.get("max_angle_deg", 180.0)),
-    )
-
-
-def _partner(table: Table, own: Lens) -> Partner:
-    """Return a second viewpoint; its lens is that of the first where it names none."""
-    is_alike = not {"lens", "hfov_deg", "focal_px"} & set(table)
-    x, y, z = table["offset"]
-    yaw, pitch = (math.radians(value) for value in table.get("turn_deg", (0.0, 0.0)))
-    return Partner(
-        (x, y, z), own if is_alike else _lens(table), (yaw, pitch), table.get("role", "imager")
     )
 
 

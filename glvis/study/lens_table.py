@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -113,6 +113,13 @@ class LensTable(Table):
         lens = kind(size, focal_px, centre_px, tuple(self.distortion or ()), angle)
         refuse_blind(lens)
         return lens
+
+
+def lens_of(table: Mapping[str, Any]) -> Lens:
+    """Return the lens of a sensor's table; a spherical one needs no resolution for it."""
+    width, height = table.get("resolution", (1, 1))
+    keys = {key: table[key] for key in LENS_KEYS if key in table}
+    return LensTable.model_validate(keys).to_lens((width, height))
 
 
 def lens_without_distortion(

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from glvis.common.complaints import first_error, shortened
 from glvis.common.files import MOST_TOML, in_one_line, read_text, toml_tables
 from glvis.errors import StudyError
-from glvis.problem.catalogue import catalogue, complaint
+from glvis.problem.catalogue import complaint
 from glvis.problem.expressions import nearest
 from glvis.problem.mounts import build_rig
 from glvis.problem.pieces import cut_models
@@ -29,6 +29,7 @@ from glvis.problem.study import Study
 from glvis.problem.swarm_options import SwarmOptions
 from glvis.problem.units import UPS, own_scale, own_up
 from glvis.problem.visibility_options import VisibilityOptions, render_resolution
+from glvis.study.catalogue_sensors import catalogue
 from glvis.study.lengths import with_plain_lengths
 from glvis.study.meshpaths import NAMES_KEY, check_names, mesh_paths
 from glvis.study.overrides import REMOVED, overridden, written

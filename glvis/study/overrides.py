@@ -19,10 +19,9 @@ from tomlkit.items import Array as TomlArray
 from glvis.common.complaints import shortened
 from glvis.common.files import toml_tables
 from glvis.errors import StudyError
-from glvis.problem.catalogue import catalogue, complaint, find_sensor
+from glvis.problem.catalogue import complaint, entries, find_entry
 from glvis.problem.expressions import nearest
 from glvis.study.schema import StudyTable
-from glvis.study.sensor_table import sensor_table
 
 # Values by the keys (and places in lists) that lead to them.
 Changes = dict[tuple[str | int, ...], Any]
@@ -175,7 +174,7 @@ def _path(parts: list[str], data: dict[str, Any], changes: Changes) -> tuple[str
                 node[part] = {}
             elif parts[0] == "sensor" and depth <= 1:
                 _open_sensor(parts, data, changes)
-            elif parts[0] == "sensor" and depth == 2 and part in _SENSOR_PARTS:
+            elif parts[0] == "sensor" and depth == 2 and _has_part(node, part):
                 _open_part(parts, data, changes)
             else:
                 raise StudyError(
@@ -217,30 +216,30 @@ def _open_sensor(parts: Sequence[str], data: dict[str, Any], changes: Changes) -
     sensors = data.setdefault("sensor", {})
     if len(parts) < 2 or parts[1] in sensors:
         return
-    unit = data.get("unit", "mm")
-    known = catalogue(unit) if isinstance(unit, str) else {}
-    if parts[1] not in known:
-        name = shortened(parts[1])
-        raise StudyError(f"leads nowhere: sensor '{name}' {complaint(parts[1], sensors)}")
-    sensor = known[parts[1]]
-    # what hfov_deg and vfov_deg cannot say stays in the catalogue
-    is_plain = sensor.is_ideal and not sensor.noise and not sensor.emits
-    sensors[parts[1]] = sensor_table(sensor) if is_plain else {"from": parts[1]}
-    changes["sensor", parts[1]] = dict(sensors[parts[1]])
+    name = parts[1]
+    if name not in entries():
+        raise StudyError(f"leads nowhere: sensor '{shortened(name)}' {complaint(name, sensors)}")
+    sensors[name] = {"from": name}
+    changes["sensor", name] = {"from": name}
+
+
+def _has_part(sensor: Mapping[str, Any], part: str) -> bool:
+    """Return whether a part that a table of a sensor has not may be opened to set one in it."""
+    return part in _SENSOR_PARTS or (part == "resolution" and "from" in sensor)
 
 
 def _open_part(parts: Sequence[str], data: dict[str, Any], changes: Changes) -> None:
-    """Write a table of a sensor into it: that of its entry of the catalogue, or an empty one."""
+    """Write a part of a sensor into it: that of its entry of the catalogue, or an empty table."""
     sensor, unit = data["sensor"][parts[1]], data.get("unit", "mm")
     entry = sensor.get("from")
-    found: dict[str, Any] = {}
+    found: Any = {}
     if isinstance(entry, str) and isinstance(unit, str):
         try:
-            found = sensor_table(find_sensor(entry, unit)).get(parts[2], {})
+            found = find_entry(entry).table_in(unit).get(parts[2], {})
         except ValueError as error:
             raise StudyError(f"needs an entry of the catalogue: {error}") from None
-    sensor[parts[2]] = found
-    changes["sensor", parts[1], parts[2]] = dict(found)
+    sensor[parts[2]] = copy.deepcopy(found)
+    changes["sensor", parts[1], parts[2]] = copy.deepcopy(found)
 
 
 def _hint(name: str) -> str:

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from glvis.common.complaints import shortened
 from glvis.common.values import (
     FARTHEST,
     FilePath,
@@ -27,11 +28,11 @@ from glvis.common.values import (
     within,
 )
 from glvis.problem.calibrated_lens import CalibratedLens
-from glvis.problem.catalogue import find_sensor
-from glvis.problem.lens import Lens, Pinhole, SphericalLens
+from glvis.problem.catalogue import complaint, entries
+from glvis.problem.lens import Lens, SphericalLens
 from glvis.problem.sensor import Focus, Noise, Partner, Sensor
 from glvis.study.calibration_files import read_calibration
-from glvis.study.lens_table import LENS_KEYS, LensTable, degrees_of, lens_keys
+from glvis.study.lens_table import LENS_KEYS, LensTable, degrees_of, lens_keys, lens_of
 from glvis.study.table import Table
 
 _MOST_POWERS = 16  # of a polynomial of depth; data sheets have two or three
@@ -131,8 +132,7 @@ class SensorTable(LensTable):
         if table.calibration is not None:
             table = table._with_calibration(folder or Path())
         if table.from_ is not None:
-            entry = find_sensor(table.from_, unit)
-            table = table._with_entry(entry, has_lens=self.calibration is None)
+            table = table._with_entry(unit, has_lens=self.calibration is None)
         return table._described(name)
 
     def _with_calibration(self, folder: Path) -> SensorTable:
@@ -151,19 +151,27 @@ class SensorTable(LensTable):
             lens_keys(lens, size) | {"resolution": list(size)} | given
         )
 
-    def _with_entry(self, entry: Sensor, has_lens: bool) -> SensorTable:
-        """Return the same table with what a sensor of the catalogue has and it has not."""
+    def _with_entry(self, unit: str, has_lens: bool) -> SensorTable:
+        """Return the same table with what its entry of the catalogue has and it has not."""
         given = self._dumped()
-        del given["from"]
-        size = _size(self.resolution or entry.resolution)
-        table = sensor_table(replace(entry, resolution=size))
-        own = {key for key in LENS_KEYS if key in given}
-        if own & {"hfov_deg", "vfov_deg"} and isinstance(entry.lens, Pinhole):
-            table = _without_lens(table) | lens_keys(entry.lens, size, as_angles=True)
+        name = given.pop("from")
+        entry = entries().get(name)
+        if entry is None:
+            raise ValueError(f"from = '{shortened(name)}' {complaint(name)}")
+        if lack := entry.lack_beside(given):
+            raise ValueError(f"from = '{name}' {lack} beside it")
+        table = entry.table_in(unit)
+        lens, own = lens_of(table), {key for key in LENS_KEYS if key in given}
+        keys = lens_keys(
+            lens,
+            _size(given.get("resolution") or table["resolution"]),
+            as_angles=not own.isdisjoint({"hfov_deg", "vfov_deg"}),
+        )
+        table = {key: value for key, value in table.items() if key not in LENS_KEYS}
         # a key of the entry's own lens changes that lens; any other one begins a new lens
-        is_same_kind = given.get("lens", entry.lens.kind) == table.get("lens", "pinhole")
-        if not (has_lens and is_same_kind and own <= {*table, "lens", "max_angle_deg"}):
-            table = _without_lens(table)
+        is_same_kind = given.get("lens", lens.kind) == keys.get("lens", "pinhole")
+        if has_lens and is_same_kind and own <= {*keys, "lens", "max_angle_deg"}:
+            table |= keys
         return SensorTable.model_validate(table | given)
 
     def _dumped(self) -> dict[str, Any]:
@@ -256,10 +264,6 @@ def _noise_table(noise: Noise) -> dict[str, Any]:
 def _usual_distance(lens: Lens) -> str:
     """Return what a working range measures where a table does not say."""
     return "range" if isinstance(lens, SphericalLens) else "depth"
-
-
-def _without_lens(table: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if key not in LENS_KEYS}
 
 
 def _size(resolution: Sequence[int]) -> tuple[int, int]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from glvis.common.hints import command
 from glvis.errors import MachineError, StudyError
-from glvis.problem.catalogue import find_sensor
 from glvis.problem.units import MM_PER_UNIT, UPS
+from glvis.study.catalogue_sensors import find_sensor
 from glvis.study.json_schema import DIRECTIVE, SCHEMA_FILE, schema_text
 from glvis.study.meshpaths import mesh_paths
 from glvis.study.starter_layout import PLACES, short

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.problem.catalogue import find_sensor
 from glvis.problem.lens import Pinhole
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
 from glvis.problem.units import MM_PER_UNIT, short, trimmed
 from glvis.problem.winding import looks_inwards, winding_numbers
+from glvis.study.catalogue_sensors import find_sensor
 from glvis.study.starter_texts import BOX_MOUNT_TEXT, RING_MOUNT_TEXT
 
 Floats = NDArray[np.float64]
