@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from glvis.problem.scene import Model
 from glvis.problem.sensor import Sensor
+from glvis.visibility.occlusion import meets
 from glvis.visibility.points import corners_in_camera
 
 Floats = NDArray[np.float64]
@@ -90,11 +91,8 @@ class Coincident:
         corners = corners_in_camera(model, faces, pose)
         row, column = np.divmod(pixels, width)
         ray = sensor.lens.directions((column + 0.5) / width, (row + 0.5) / height)
-        # a ray is within where it lies on one side of the planes through the eye and the edges
-        planes = np.cross(corners, np.roll(corners, -1, axis=0), axis=1)
-        side = np.einsum("kcn,cn->kn", planes[..., index], ray)
-        meets = (side >= 0).all(axis=0) | (side <= 0).all(axis=0)
-        return counts + np.bincount(partner[meets], minlength=model.n_faces)
+        is_met = meets(corners[..., index], ray)
+        return counts + np.bincount(partner[is_met], minlength=model.n_faces)
 
     def __len__(self) -> int:
         return len(self.partner)

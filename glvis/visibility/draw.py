@@ -17,7 +17,7 @@ from glvis.problem.visibility_options import VisibilityOptions, render_resolutio
 from glvis.visibility.coincident import Coincident
 from glvis.visibility.culling import Culled
 from glvis.visibility.gpu_scene import GpuScene
-from glvis.visibility.lookup import lookup_of
+from glvis.visibility.lookup import ids_by_rays, lookup_of
 from glvis.visibility.rays import seen_by_partner
 from glvis.visibility.renderer import Renderer, Selection, pixels_of_faces
 from glvis.visibility.surface import Surface
@@ -88,10 +88,10 @@ class Drawer:
             for one in scene.obstacles
         ]
         visible = np.zeros((len(views), model.n_faces), dtype=bool)
-        images = self._images(views, selections, scene, options)
-        for view, (seen, image) in enumerate(zip(visible, images, strict=True)):
+        images = self._images(views, selections, target, scene, options)
+        for view, (seen, (image, rays)) in enumerate(zip(visible, images, strict=True)):
             if views.partner:
-                image = seen_by_partner(image, scene, target, views, culled, view, options)
+                image = seen_by_partner(image, rays, scene, target, views, culled, view, options)
             pixels = pixels_of_faces(image, model.n_faces)
             if len(coincident):
                 pose = views.camera_to_world[view]
@@ -103,28 +103,33 @@ class Drawer:
         self,
         views: Views,
         selections: Sequence[Selection],
+        target: Surface,
         scene: GpuScene,
         options: VisibilityOptions,
-    ) -> Iterator[NDArray[np.uint32]]:
-        """Yield the ID image of each view as its lens has it, (H, W) uint32."""
+    ) -> Iterator[tuple[NDArray[np.uint32], NDArray[np.float64] | None]]:
+        """Yield the ID image of each view as its lens has it, (H, W) uint32.
+
+        With the directions (3, H * W) of its pixels where the lens is no pinhole.
+        """
         size = render_resolution(options, views.sensor) or views.sensor.resolution
         hides = options.occlusion == "physical"
-        lookup = None
-        if not isinstance(views.limits.lens, Pinhole):
-            lookup = lookup_of(views.limits.lens, size)
+        lens = views.limits.lens
+        lookup = None if isinstance(lens, Pinhole) else lookup_of(lens, size)
         renderer = self._renderer(lookup.window_size if lookup else size)
-        windows = []
+        windows: list[NDArray[np.uint32]] = []
+        view = 0
         for _, images in renderer.id_images(
             views, selections, origin=scene.origin, refused_hide=hides
         ):
             if lookup is None:
-                yield from images
+                yield from ((image, None) for image in images)
                 continue
             for image in images:
                 windows.append(np.array(image))
                 if len(windows) == views.per_view:
-                    yield lookup.image(windows)
-                    windows = []
+                    pose, model = views.camera_to_world[view], target.clusters.model
+                    yield ids_by_rays(lookup, windows, lens, model, pose)
+                    windows, view = [], view + 1
 
     def _coincident_of(self, target: Surface) -> Coincident:
         if target not in self._coincident:

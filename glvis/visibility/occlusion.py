@@ -30,6 +30,23 @@ def join_runs(first: Indices, number: Indices) -> Indices:
     return runs
 
 
+def meets(corners: Floats, rays: Floats) -> Bools:
+    """Return which triangles the rays beside them meet, on either side of the eye, (n,) bool.
+
+    Parameters
+    ----------
+    corners : (3, 3, n) float64
+        Corner, coordinate, triangle; x right, y up, and depth along the optical axis, the eye at 0.
+    rays : (3, n) float64
+        Directions in the same frame, of any length.
+    """
+    # a ray is within where it lies on one side of the planes through the eye and the edges
+    planes = np.cross(corners, np.roll(corners, -1, axis=0), axis=1)
+    side = np.einsum("kcn,cn->kn", planes, rays)
+    within: Bools = (side >= 0).all(axis=0) | (side <= 0).all(axis=0)
+    return within
+
+
 def unhidden(points: Floats, triangles: Floats, near: float) -> Bools:
     """Return which points nothing hides from the eye, (P,) bool.
 

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glvis.problem.lens import Pinhole
 from glvis.problem.visibility_options import VisibilityOptions
 from glvis.visibility.culling import Culled
 from glvis.visibility.filters import CameraFaces, face_camera, may_pass, pass_filters
 from glvis.visibility.gpu_scene import GpuScene
-from glvis.visibility.lookup import lookup_of
 from glvis.visibility.occlusion import unhidden
 from glvis.visibility.points import (
     Large,
@@ -184,6 +182,7 @@ def _mark(seen: Bools, faces: CameraFaces, eyes: Sequence[_Eye]) -> None:
 
 def seen_by_partner(
     image: NDArray[np.uint32],
+    rays: Floats | None,
     scene: GpuScene,
     target: Surface,
     views: Views,
@@ -193,8 +192,9 @@ def seen_by_partner(
 ) -> NDArray[np.uint32]:
     """Return an ID image (H, W) without the pixels whose point the second viewpoint does not see.
 
-    A pixel's point is where its ray meets the plane of the face that shows. Of faces that enough
-    pixels show already, some pixels are left unasked.
+    A pixel's point is where its ray meets the plane of the face that shows: by the middle of the
+    pixel, or by ``rays`` (3, H * W). Of faces that enough pixels show already, some pixels are left
+    unasked.
     """
     assert views.partner and culled.partner
     model = target.clusters.model
@@ -202,12 +202,11 @@ def seen_by_partner(
     ids = image.ravel().astype(np.intp)
     pixels = np.flatnonzero(ids)
     faces, pose = ids[pixels] - 1, views.camera_to_world[view]
-    lens = views.limits.lens
-    if isinstance(lens, Pinhole):
+    if rays is None:
         row, column = np.divmod(pixels, width)
-        ray = lens.directions((column + 0.5) / width, (row + 0.5) / height)
+        ray = views.limits.lens.directions((column + 0.5) / width, (row + 0.5) / height)
     else:
-        ray = lookup_of(lens, (width, height)).rays(pixels)
+        ray = rays[:, pixels]
     normals = pose[:3, :3].T @ model.normals[faces].T
     centres = pose[:3, :3].T @ (model.centroids[faces] - pose[:3, 3]).T
     flip = np.array([[1.0], [1.0], [-1.0]])
