@@ -7,7 +7,9 @@ import tomllib
 
 import numpy as np
 import pytest
+import trimesh
 
+import glvis
 from glvis.cli.app import main
 from glvis.evaluation.checks import no_pinholes
 from glvis.problem.calibrated_lens import OpenCVLens
@@ -453,3 +455,15 @@ def test_angles_of_no_one_pinhole_are_told():
     fy = 320 / 1.031
     assert no_pinholes([sensor(90, 2 * math.degrees(math.atan(240 / fy)), (640, 480))])
     assert no_pinholes([find_sensor("azure-kinect-wfov", "mm")]) == []  # a lens is its own
+
+
+@pytest.mark.parametrize("name", catalogue("mm"))
+def test_every_entry_sees_a_ball_before_it(name):
+    device = catalogue("mm")[name]
+    distance = device.min_distance + 0.25 * (device.max_distance - device.min_distance)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.02 * distance)
+    pose = glvis.look_at([0, -distance, 0], [0, 0, 0])
+    if device.partner:  # midway between the two, where both look
+        pose[:3, 3] -= pose[:3, :3] @ (np.array(device.partner.offset) / 2)
+    visible = glvis.visible_faces(ball, pose, device)
+    assert 0.1 < np.mean(visible) <= 0.5
