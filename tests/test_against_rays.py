@@ -47,7 +47,7 @@ def test_id_images_are_what_rays_through_pixel_centres_hit(name, seed):
     corners = shapes.corners(shape)
     normals, _ = shapes.normals_and_areas(shape)
     differing = 0
-    for pose, image, near in zip(poses, images, views.clip_near, strict=True):
+    for pose, image, near in zip(poses, images, views.windows.clip_near, strict=True):
         truth = oracle.id_image(pose, tuple(device.lens.tan_half), size, corners, clip_near=near)
         is_front = ((pose[:3, 3] - corners.mean(axis=1)) * normals).sum(axis=1) > 0
         shows_back = (truth.ids > 0) & ~np.append(False, is_front)[truth.ids]
