@@ -196,7 +196,7 @@ def seen_by_partner(
     pixel, or by ``rays`` (3, H * W). Of faces that enough pixels show already, some pixels are left
     unasked.
     """
-    assert views.partner and culled.partner
+    partner, kept = views.viewpoints[1], culled.viewpoints[1]
     model = target.clusters.model
     height, width = image.shape
     ids = image.ravel().astype(np.intp)
@@ -212,7 +212,7 @@ def seen_by_partner(
     flip = np.array([[1.0], [1.0], [-1.0]])
     along = np.sum(normals * centres, axis=0) / np.sum(normals * flip * ray, axis=0)
     shown = CameraFaces(faces, (along * ray)[:, None], normals)
-    eye = _Eye.of(scene, target, views.partner, culled.partner, view, options)
+    eye = _Eye.of(scene, target, partner, kept, view, options)
     # first so many pixels of each face as must show it, then all of those that still want some
     order = np.argsort(faces, kind="stable")
     rank = np.zeros(len(faces), dtype=np.intp)
@@ -224,6 +224,6 @@ def seen_by_partner(
     found = np.bincount(faces[free], minlength=model.n_faces) >= options.min_pixels
     rest = ~first & ~found[faces]
     free[rest] = eye.sees(shown[rest])
-    kept = np.zeros_like(ids)
-    kept[pixels[free]] = ids[pixels[free]]
-    return kept.reshape(image.shape).astype(image.dtype)
+    left = np.zeros_like(image)
+    left.reshape(-1)[pixels[free]] = ids[pixels[free]]
+    return left
