@@ -12,15 +12,14 @@ from support.shapes import cube, flipped, plate, write_off
 
 from glvis.common.palette import SEEN_COLOR, UNSEEN_COLOR, overlap_colors, sensor_colors
 from glvis.evaluation.evaluator import Evaluator
+from glvis.pictures.bars import Bar, ramp_colors
 from glvis.pictures.coloring import (
     KINDS,
     STRIPED,
-    Bar,
     Coloring,
     Seen,
     Swatch,
     coloring,
-    ramp_colors,
     seen_by_one,
     share,
 )

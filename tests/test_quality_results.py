@@ -18,7 +18,8 @@ from glvis.cli.explain_words import explain_lines
 from glvis.cli.wording import result_lines
 from glvis.errors import MachineError
 from glvis.evaluation.view_quality import a_metre, quality_of_views, view_quality
-from glvis.pictures.coloring import KINDS, Bar, Seen, ramp_colors
+from glvis.pictures.bars import Bar, ramp_colors
+from glvis.pictures.coloring import KINDS, Seen
 from glvis.pictures.places import log_ticks
 from glvis.pictures.qualitycolors import (
     INTERFERENCE,

@@ -20,9 +20,9 @@ from glvis.evaluation.view_quality import (
     is_known,
     quality_of_views,
 )
+from glvis.pictures.bars import Bar
 from glvis.pictures.coloring import (
     KINDS,
-    Bar,
     Coloring,
     Seen,
     Swatch,

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glvis.common.palette import NO_RAY, rgb
-from glvis.pictures.coloring import Bar, Coloring, Swatch, ramp_colors, seen_by_one
+from glvis.pictures.bars import Bar, ramp_colors
+from glvis.pictures.coloring import Coloring, Swatch, seen_by_one
 from glvis.pictures.places import Box, grid, length_words, number
 from glvis.pictures.scenesheets import SIZE, neutral_rows, subtitle
 from glvis.pictures.sheet import Sheet

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from glvis.pictures.coloring import Bar, Coloring, Swatch
+from glvis.pictures.bars import Bar
+from glvis.pictures.coloring import Coloring, Swatch
 from glvis.pictures.places import (
     Box,
     label_places,
