@@ -74,8 +74,8 @@ DIFFERENCES = """\
   hides. So it sees more of the arms, and less of the kitchen, of whose large faces a part may show
   and the centre not. `--set 'visibility.semantics="paper"'` has all of that;
   "by its rules" is what the same layout, found by ours, sees by the paper's.
-- **One viewpoint.** The D415 measures depth where both of its imagers see; the paper has one pinhole,
-  and so has this page. [What remains with both](second-imager.md).
+- **One viewpoint.** The D415 measures depth where both of its imagers see; the paper has one
+  pinhole, and so has this page. [What remains with both](second-imager.md).
 - **The objective.** The paper minimises 1/OF3, glvis maximises OF3: the same order. Its three terms
   count faces here and are divided by the number of faces, so that every model weighs alike.
 - **The bounds.** The paper calls them plausible and does not print them; those in

@@ -114,7 +114,7 @@ def draw(layout: Layout, path: Path) -> None:
         for kind, (color, label) in enumerate(
             [
                 (SEEN_COLOR, "by both imagers"),
-                (_LOST, "by one pinhole, but not by both imagers of any camera"),
+                (_LOST, "by the pinhole alone"),
                 (_UNSEEN, "by none"),
             ]
         )
