@@ -83,16 +83,24 @@ void ask(bool wanted, vec3 point, vec3 normal, uint record, uint own, float edge
     uint known = free[record];
     if (!wanted || known == 0u) return;
     uint mark = may_pass ? known & LARGE : 0u;
-    bool was_free = (known & ~LARGE) != 0u;
-    free[record] = was_free && passes ? known & ~LARGE | mark : mark;
-    if (was_free && passes && in_window) look_up(place, record, mark);
+    bool stays = (known & ~LARGE) != 0u && passes;
+#ifdef WINDOWS
+    // a point on the seam of windows is looked up in one of them: it has one record
+    atomicAnd(free[record], stays ? ~LARGE | mark : mark);
+    if (stays && in_window && (atomicOr(free[record], LOOKED_UP) & LOOKED_UP) == 0u)
+        look_up(place, record, mark);
+#else
+    free[record] = stays ? known & ~LARGE | mark : mark;
+    if (stays) look_up(place, record, mark);
+#endif
 #else
     bool is_large = edge * span >= max(nearest, near) && may_pass;
     uint mark = is_large ? LARGE : 0u;
     if (wanted && (passes || is_large)) {
         uint found = (passes ? own + 1u : 0u) | mark;
 #ifdef WINDOWS
-        atomicOr(free[record], found);
+        // a point on the seam of windows is looked up in one of them: it has one record
+        passes = (atomicOr(free[record], found) & ~LARGE) == 0u && passes;
 #else
         free[record] = found;
 #endif

@@ -34,6 +34,7 @@ const int TILE = 8;                     // cells along a side of a tile
 const uint FACES_A_LINE = 2048u;        // of packed_faces and face_centres, as surface.py has them
 const uint RECORDS_A_LINE = 2048u;
 const uint LARGE = 1u << 31;            // marks faces that may have to be looked at again
+const uint LOOKED_UP = 1u << 30;        // and points that a second viewpoint has looked up
 
 ivec2 record_at(uint record) {
     return ivec2(record % RECORDS_A_LINE, record / RECORDS_A_LINE);

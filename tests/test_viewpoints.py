@@ -189,3 +189,23 @@ def test_the_papers_semantics_know_no_other_lens():
             options=VisibilityOptions.paper(),
         )  # fmt: skip
     assert sensor().is_ideal
+
+
+@pytest.mark.skipif(not cast.has_compute(), reason="this driver has no compute shaders")
+@pytest.mark.parametrize("criterion", ["pixels", "centroid"])
+@pytest.mark.parametrize("partner", [None, Partner((0.0, 0.0, 0.0), LIDAR)], ids=["one", "two"])
+def test_what_lies_on_the_seam_of_windows_is_hidden_too(partner, criterion, monkeypatch):
+    def no_numpy(*_):
+        raise AssertionError("NumPy was asked")
+
+    # the optical axis of a full turn is a seam of its four windows; the ball is symmetric to it and
+    # so small in its room that many of its centres share a cell
+    ball = shapes.moved(shapes.icosphere(5, 0.06), (0, 0, -1.5))
+    n, body = len(ball[1]), shapes.merged(ball, shapes.flipped(shapes.cube(6.0)))
+    plate = shapes.plate(0.25, center=(0, 0, -0.7))
+    device = Sensor("s", LIDAR, (1800, 16), 0, 100, distance="range", partner=partner)
+    monkeypatch.setattr(cast, "visible_of", no_numpy)
+    with looking(body, [plate], casts=True, criterion=criterion) as made:
+        assert not made.looks(DOWN[None], device)[:, :n].any()
+    with looking(body, casts=True, criterion=criterion) as made:
+        assert made.looks(DOWN[None], device)[:, :n].any()

@@ -49,7 +49,8 @@ _VERSION = 430  # compute shaders and storage buffers
 _LISTED, _DISPATCHES, _FREE, _UNFINISHED = range(4)  # storage buffers of the shaders
 _FACES, _CENTRES, _RECORDS, _HEADS, _BOXES, _TILES = range(6)  # their textures
 _RECORDS_OUT, _HEADS_OUT, _TILES_OUT = range(3)  # their images
-_RECORDS_A_LINE, _LARGE = 2048, np.uint32(1 << 31)  # as view.glsl has them
+# as view.glsl has them
+_RECORDS_A_LINE, _LARGE, _LOOKED_UP = 2048, np.uint32(1 << 31), np.uint32(1 << 30)
 # What views that are looked at together may take: records (16 bytes each, and 4 more) and cells (4
 # bytes each). More bring nothing on a CPU, and hardware is busy with so many.
 _MOST_RECORDS, _MOST_CELLS = 1 << 21, 1 << 22
@@ -269,7 +270,7 @@ class Caster:
         """
         words = self._buffers["free"].read(4 * number, offset=4 * first)
         found = np.frombuffer(words, dtype=np.uint32)
-        free = found & ~_LARGE
+        free = found & ~(_LARGE | _LOOKED_UP)
         return free[free > 0] - 1, np.flatnonzero(found == _LARGE).astype(np.uint32)
 
     def _clear(self, name: str, unit: int, image: int, size: tuple[int, int]) -> None:
