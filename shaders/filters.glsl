@@ -1,5 +1,6 @@
 // The filters of Sec. 2.1.1 on a point of a face, as glvis/visibility/filters.py has them: included by
-// id_buffer and ask. The paper's own CropBack is not here: its maps are made in NumPy. Depths are along the optical axis, lengths in scene units.
+// id_buffer and ask. The paper's own CropBack is not here: its maps are made in NumPy. Depths are along
+// the optical axis of the window, or whatever the working range measures; lengths in scene units.
 // height:   of the optical centre above the face's plane, negative behind it
 // axis_cos: cosine between the face's normal and the way back along the optical axis
 bool crop_far(float depth, float max_distance) {

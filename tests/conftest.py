@@ -1,10 +1,12 @@
 """Fixtures for every test: loud floating point, a seeded generator, the shared real meshes."""
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.browser import Browser, find_chromium
 
 from glvis.visibility.context import gl_context
 
@@ -91,3 +93,19 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"the real meshes are not present (looked for {SHARED_DATA})")
     return SHARED_DATA
+
+
+@pytest.fixture
+def rounds(request) -> int:
+    """How often the poses of a mesh are drawn."""
+    return request.config.getoption("--rounds")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory) -> Iterator[Browser]:
+    """A browser of the tests of one file; without one they skip."""
+    if find_chromium() is None:
+        pytest.skip("no Chromium or Chrome in the PATH; the page is not tried in a browser")
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()

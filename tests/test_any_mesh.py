@@ -57,12 +57,6 @@ def table(request) -> Table:
     return found
 
 
-@pytest.fixture
-def rounds(request) -> int:
-    """How often the poses of a mesh are drawn."""
-    return request.config.getoption("--rounds")
-
-
 def seeded(name: str) -> np.random.Generator:
     return np.random.default_rng(list(name.encode()))
 

@@ -200,7 +200,8 @@ class FakeBlender(types.ModuleType):
         self.ops = types.SimpleNamespace(wm=load)
 
 
-def test_blender_cameras_project_as_ours(placement, folder, points, monkeypatch):
+def run_in_blender(folder, monkeypatch):
+    """Run the script of a result in a Blender of our own; return that and the script's names."""
     bpy, mathutils = FakeBlender(), types.ModuleType("mathutils")
     mathutils.Matrix = np.array
     monkeypatch.setitem(sys.modules, "bpy", bpy)
@@ -208,6 +209,11 @@ def test_blender_cameras_project_as_ours(placement, folder, points, monkeypatch)
     path = folder / "blender_scene.py"
     script = {"__file__": str(path), "__name__": "__main__"}
     exec(compile(path.read_text(), path, "exec"), script)
+    return bpy, script
+
+
+def test_blender_cameras_project_as_ours(placement, folder, points, monkeypatch):
+    bpy, script = run_in_blender(folder, monkeypatch)
     opened = [options["filepath"] for options in bpy.opened]
     assert opened == [str(folder / "cube.ply"), str(folder / "obstacle-small.ply")]
     assert all(Path(name).is_file() for name in opened)

@@ -7,15 +7,13 @@ import csv
 import json
 import math
 import re
-import sys
-import types
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.two_cubes import SMALL, write_two_cubes
-from test_exports import FakeBlender, gltf_of, positions_of, rotation_of
+from test_exports import gltf_of, positions_of, rotation_of, run_in_blender
 
 from glvis.problem.calibrated_lens import FisheyeLens, OpenCVLens
 from glvis.problem.camera import rigid_inverse
@@ -345,13 +343,7 @@ def test_gltf_has_the_second_viewpoint_under_the_first(exported):
 
 def test_blender_has_a_camera_for_each_viewpoint(exported, monkeypatch):
     placement, folder = exported(PROJECTOR, sensor("spin", LIDAR, (1800, 16)), PAIR)
-    bpy, mathutils = FakeBlender(), types.ModuleType("mathutils")
-    mathutils.Matrix = np.array
-    monkeypatch.setitem(sys.modules, "bpy", bpy)
-    monkeypatch.setitem(sys.modules, "mathutils", mathutils)
-    path = folder / "blender_scene.py"
-    script = {"__file__": str(path), "__name__": "__main__"}
-    exec(compile(path.read_text(), path, "exec"), script)
+    bpy, script = run_in_blender(folder, monkeypatch)
     assert [one["name"] for one in script["SENSORS"]] == [
         "A", "B", "C", "A projector", "C imager",
     ]  # fmt: skip

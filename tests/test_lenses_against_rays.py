@@ -46,12 +46,6 @@ def table(request) -> Table:
     return found
 
 
-@pytest.fixture
-def rounds(request) -> int:
-    """How often the poses of a mesh are drawn."""
-    return request.config.getoption("--rounds")
-
-
 def torus() -> shapes.Shape:
     return shapes.torus(100.0, 40.0, 64, 32)
 

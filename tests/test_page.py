@@ -11,7 +11,6 @@ import re
 
 import numpy as np
 import pytest
-from support.browser import Browser, find_chromium
 
 from glvis.common.palette import UNSEEN_COLOR, sensor_colors
 from glvis.problem.camera import look_along, projection_matrix, rigid_inverse
@@ -139,15 +138,6 @@ def test_wrong_shapes_are_named(change, message):
 
 
 # ---- in the browser
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    if find_chromium() is None:
-        pytest.skip("no Chromium or Chrome in the PATH; the page is not tried in a browser")
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
 
 
 @pytest.fixture(scope="module")

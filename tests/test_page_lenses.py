@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.browser import Browser, find_chromium
 from test_page import CORNER, HALF, centroids, example, header
 
 from glvis.common.palette import hex_color, second_tones, sensor_colors
@@ -32,18 +31,7 @@ BARREL = replace(CAM, lens=OpenCVLens((640, 480), (538.6, 538.6), (320, 240), (-
 
 def page_sensor(name, sensor, s):
     """Return a sensor of the page in the s-th pose of the example."""
-    pose = example().sensors[s].camera_to_world
-    return PageSensor(
-        name,
-        sensor.name,
-        pose,
-        sensor.lens.tan_half,
-        sensor.min_distance,
-        sensor.max_distance,
-        sensor.max_incidence,
-        sensor.resolution,
-        whole=None if sensor.is_ideal else sensor,
-    )
+    return PageSensor.of(name, sensor, example().sensors[s].camera_to_world)
 
 
 def data_of(first, second=CAM):
@@ -75,15 +63,6 @@ def test_a_second_viewpoint_is_packed_with_what_both_see():
 
 
 # ---- in the browser
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    if find_chromium() is None:
-        pytest.skip("no Chromium or Chrome in the PATH; the page is not tried in a browser")
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
 
 
 @pytest.fixture

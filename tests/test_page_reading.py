@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.browser import Browser, find_chromium
 from test_page import CORNER, HALF, SIZE, SIZE_OF_PAGE, N, box, differs, example, header, plate
 
 from glvis.problem.camera import look_along
@@ -15,15 +14,6 @@ from glvis.viewer.page import page_text, write_page
 from glvis.viewer.page_data import PageModel, PageObstacle, PageQuality, PageSensor, PageTable
 
 TAN = example().sensors[0].tan_half
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    if find_chromium() is None:
-        pytest.skip("no Chromium or Chrome in the PATH; the page is not tried in a browser")
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
 
 
 @pytest.fixture

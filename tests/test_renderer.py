@@ -14,7 +14,7 @@ from glvis.visibility import renderer as r
 from glvis.visibility import selftest, surface
 from glvis.visibility.context import gl_info
 from glvis.visibility.filters import Limits
-from glvis.visibility.views import Views, Windows
+from glvis.visibility.views import Views, WindowViews
 
 
 def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_distance=50.0):
@@ -22,7 +22,7 @@ def views(poses=DOWN, *, tan=1.0, near=0.1, far=100.0, min_distance=0.0, max_dis
     n = len(poses)
     limits = Limits(Pinhole.from_tangents(tan, tan), min_distance, max_distance)
     reach, clip_near, clip_far = (np.full(n, z) for z in (far, near, far))
-    windows = Windows(poses, np.array([tan, tan]), reach, clip_near, clip_far, reach)
+    windows = WindowViews(poses, np.array([tan, tan]), reach, clip_near, clip_far, reach)
     return Views(poses, sensor(), limits, windows)
 
 

@@ -69,7 +69,7 @@ def main() -> int:
     if arguments.found:
         found["the paper's swarm, by the pinhole"] = read_result(arguments.found)
     one, two = _searched(study, arguments.workers), _searched(paired, arguments.workers)
-    found["`auto`, by the pinhole"], found["`auto`, by both imagers"] = one, two
+    found["auto, by the pinhole"], found["auto, by both imagers"] = one, two
     layouts = [
         Layout(
             name,

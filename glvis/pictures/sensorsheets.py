@@ -56,6 +56,7 @@ def depth_sheet(stage: Stage, s: int, size: tuple[int, int] = SIZE) -> Sheet:
             *_rayless([sensor]),
         ],
         Bar(low, high, f"distance {'from its centre' if by_range else 'along the axis'}", unit),
+        "Of the first viewpoint: none where the second does not see." if sensor.partner else "",
     )
     sheet, box, columns = _sensor_page(stage, s, painted, size)
     distances, samples = stage.sensor_distances(s, box.size)
@@ -143,7 +144,8 @@ def _sensor_page(
     beside = 0 if is_band else gap + legend
     width = min(size[0] - 2 * margin - beside, int((size[1] - top - bottom) * aspect))
     height = max(1, round(width / aspect))
-    needed = blank.units(340) if is_band else max(height, blank.units(460))
+    under = blank.units(340 if painted.bar else 260)  # a colour bar, or a few rows and a note
+    needed = under if is_band else max(height, blank.units(460))
     total = height + gap + needed if is_band else needed
     sheet = Sheet((2 * margin + beside + width, top + total + bottom), blank.unit)
     sheet.heading(

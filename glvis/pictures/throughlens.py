@@ -125,24 +125,10 @@ def window_size(lens: Lens, size: tuple[int, int]) -> tuple[int, int]:
 def look_ups(lens: Lens, size: tuple[int, int]) -> Iterator[LookUp]:
     """Yield where the samples of the pixels of an image (width, height) lie, one a pixel a turn."""
     windows = wider(lens.windows)
-    tan_x, tan_y = windows.tan_half.tolist()
     for row, column in product(range(SAMPLES), repeat=2):
         u = (np.arange(size[0]) + (column + 0.5) / SAMPLES) / size[0]
         v = (np.arange(size[1]) + (row + 0.5) / SAMPLES) / size[1]
-        x, y, depth = _directions(lens, u, v)
-        window = np.full(x.shape, -1, dtype=np.intp)
-        best = np.full(x.shape, np.inf)
-        at = [np.zeros_like(x) for _ in range(2)]  # u, v
-        for k, turn in enumerate(windows.window_to_camera):
-            right, up, back = np.tensordot(turn.T, np.stack([x, y, -depth]), axes=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                a, b = right / -back / tan_x, up / -back / tan_y
-            off_axis = np.maximum(np.abs(a), np.abs(b))
-            nearer = (back < 0) & (off_axis <= 1) & (off_axis < best)
-            window[nearer], best[nearer] = k, off_axis[nearer]
-            for kept, new in zip(at, ((1 + a) / 2, (1 - b) / 2), strict=True):
-                kept[nearer] = new[nearer]
-        yield LookUp(row, column, windows, window, *at)
+        yield LookUp(row, column, windows, *windows.places(*_directions(lens, u, v)))
 
 
 def range_factors(lens: Lens, size: tuple[int, int]) -> Floats:

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# The widest half angle that one window shows, by field.md and the issue's 150 degrees: beyond it
-# the size of a pinhole image, tan(angle), runs away.
+# The widest half angle that one window shows: beyond it the size of a pinhole image, which goes
+# with the tangent, runs away.
 WIDEST = math.radians(75)
 _SECTOR = math.radians(90)  # of azimuth, at most, that one window of a spherical lens holds
 _STEEPEST = math.radians(60)  # elevation up to which sectors do; beyond, a cube
@@ -51,6 +51,33 @@ class Windows:
     def is_straight(self) -> bool:
         """Whether there is but one, along the optical axis."""
         return len(self) == 1 and bool((self.window_to_camera[0] == np.eye(3)).all())
+
+    def places(
+        self, x: ArrayLike, y: ArrayLike, depth: ArrayLike
+    ) -> tuple[NDArray[np.intp], Floats, Floats]:
+        """Return in which window directions (...) lie, and where in it.
+
+        Returns
+        -------
+        window : (...) int
+            The one whose middle is nearest; -1 where there is none.
+        u, v : (...) float64
+            Shares of its width and height, from the left and from the top.
+        """
+        along = np.stack(np.broadcast_arrays(x, y, np.negative(depth)))
+        tan_x, tan_y = self.tan_half.tolist()
+        window = np.full(along.shape[1:], -1, dtype=np.intp)
+        best = np.full(along.shape[1:], np.inf)
+        u, v = np.zeros((2, *along.shape[1:]))
+        for number, turn in enumerate(self.window_to_camera):
+            right, up, back = np.tensordot(turn.T, along, axes=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                a, b = right / -back / tan_x, up / -back / tan_y
+                off_axis = np.maximum(np.abs(a), np.abs(b))
+                nearer = (back < 0) & (off_axis <= 1) & (off_axis < best)
+            window[nearer], best[nearer] = number, off_axis[nearer]
+            u[nearer], v[nearer] = (1 + a[nearer]) / 2, (1 - b[nearer]) / 2
+        return window, u, v
 
 
 class Lens(ABC):

@@ -65,17 +65,7 @@ def page_data(placement: Placement, left_out: Sequence[str] = ()) -> PageData:
             )
         ],
         sensors=[
-            PageSensor(
-                name,
-                sensor.name,
-                pose,
-                sensor.lens.tan_half,
-                sensor.min_distance,
-                sensor.max_distance,
-                sensor.max_incidence,
-                sensor.resolution,
-                whole=None if sensor.is_ideal else sensor,
-            )
+            PageSensor.of(name, sensor, pose)
             for name, sensor, pose in zip(
                 study.sensor_names, study.sensors, placement.camera_to_world, strict=True
             )

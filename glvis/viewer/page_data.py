@@ -108,6 +108,21 @@ class PageSensor:
     color: str = ""
     whole: Sensor | None = None
 
+    @classmethod
+    def of(cls, name: str, sensor: Sensor, camera_to_world: ArrayLike) -> PageSensor:
+        """Return a sensor under a name, at a pose (4, 4)."""
+        return cls(
+            name,
+            sensor.name,
+            camera_to_world,
+            sensor.lens.tan_half,
+            sensor.min_distance,
+            sensor.max_distance,
+            sensor.max_incidence,
+            sensor.resolution,
+            whole=None if sensor.is_ideal else sensor,
+        )
+
 
 @dataclass(frozen=True)
 class PageTable:

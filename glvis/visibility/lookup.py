@@ -28,7 +28,7 @@ Pixels = TypeVar("Pixels", bound=np.generic)
 # of one of the image, none has its own middle beyond that one's border.
 _FINER = 3.0
 _SAMPLES = 33  # a side, of the image, by which the windows' size is chosen
-_LARGEST = 8192  # pixels a side of a window, at most: more than every OpenGL draws
+_LARGEST = 8192  # pixels a side of a window, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,29 +89,20 @@ def lookup_of(lens: Lens, resolution: tuple[int, int]) -> Lookup:
     focal = _FINER * _finest(lens, resolution)
     size = tuple(min(max(1, math.ceil(2 * focal * tan)), _LARGEST) for tan in (tan_x, tan_y))
     u, v = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
-    x, y, depth = lens.directions(u, v)
+    window, across, down = windows.places(*lens.directions(u, v))
+    inside = window >= 0
+    at = across[inside] * size[0], down[inside] * size[1]
+    column, row = (np.minimum(a.astype(np.int64), n - 1) for a, n in zip(at, size, strict=True))
+    beside, over = (  # the next pixel towards which the ray lies
+        np.clip(c + np.where(a - c < 0.5, -1, 1), 0, n - 1)
+        for a, c, n in zip(at, (column, row), size, strict=True)
+    )
+    first = window[inside] * size[1]
     place = np.full((height, width), -1, dtype=np.int64)
     around = np.zeros((3, height, width), dtype=np.int64)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        for number, turn in enumerate(windows.window_to_camera):
-            right, up, back = np.tensordot(turn.T, np.stack([x, y, -depth]), axes=1)
-            across, above = right / -back, up / -back
-            inside = (back < 0) & (np.abs(across) <= tan_x) & (np.abs(above) <= tan_y)
-            at = (
-                (across[inside] / tan_x + 1) / 2 * size[0],
-                (1 - above[inside] / tan_y) / 2 * size[1],
-            )
-            column, row = (
-                np.minimum(a.astype(np.int64), n - 1) for a, n in zip(at, size, strict=True)
-            )
-            beside, over = (
-                np.clip(c + np.where(a - c < 0.5, -1, 1), 0, n - 1)
-                for a, c, n in zip(at, (column, row), size, strict=True)
-            )
-            first = number * size[1]
-            place[inside] = (first + row) * size[0] + column
-            for other, (r, c) in enumerate(((row, beside), (over, column), (over, beside))):
-                around[other, inside] = (first + r) * size[0] + c
+    place[inside] = (first + row) * size[0] + column
+    for other, (r, c) in enumerate(((row, beside), (over, column), (over, beside))):
+        around[other, inside] = (first + r) * size[0] + c
     return Lookup(windows, (size[0], size[1]), place, around)
 
 

@@ -26,7 +26,7 @@ from glvis.visibility.gpu_scene import GpuScene
 from glvis.visibility.points import Large
 from glvis.visibility.renderer import Renderer, Selection, depth_along_axis
 from glvis.visibility.surface import Surface
-from glvis.visibility.views import Views, Windows
+from glvis.visibility.views import Views, WindowViews
 
 _SIZE = 8  # pixels a side: each covers one unit of the wall below
 
@@ -76,7 +76,7 @@ def _view() -> Views:
     sensor = Sensor("self-test", Pinhole.from_degrees(53, 53), (_SIZE, _SIZE), 2, 9)
     pose = look_along([[0, 0, 0]], [[0, 0, -1]], up=(0, 1, 0))
     reach, near, far = np.array([[9.0], [1.0], [10.0]])
-    windows = Windows(pose, np.array([0.5, 0.5]), reach, near, far, reach)
+    windows = WindowViews(pose, np.array([0.5, 0.5]), reach, near, far, reach)
     return Views(pose, sensor, Limits(Pinhole.from_tangents(0.5, 0.5), 2.0, 9.0), windows)
 
 

@@ -32,7 +32,7 @@ _MARGIN = 1.001  # against rounding, around the clip planes
 
 
 @dataclass(frozen=True, eq=False)
-class Windows:
+class WindowViews:
     """The pinhole images of N views through a lens, K each, view by view; R = N K rows.
 
     Attributes
@@ -82,7 +82,7 @@ class Views:
         Whose.
     limits : Limits
         What its filters hold faces against.
-    windows : Windows
+    windows : WindowViews
         What is looked at, K of each view.
     partner : Views, optional
         The same poses' second viewpoint.
@@ -93,7 +93,7 @@ class Views:
     camera_to_world: Floats
     sensor: Sensor
     limits: Limits
-    windows: Windows
+    windows: WindowViews
     partner: Views | None = None
     is_partner: bool = False
 
@@ -142,7 +142,7 @@ class Views:
         """The views of the optical centres that must all see a point."""
         return [self, *([self.partner] if self.partner else [])]
 
-    @property
+    @cached_property
     def first_to_camera(self) -> Floats | None:
         """From the camera frame of the sensor's own viewpoint, (4, 4); None where it is that."""
         partner = self.sensor.partner
@@ -185,7 +185,7 @@ class Views:
         return planes
 
 
-def _windows_of(camera_to_world: Floats, limits: Limits, corners: Floats) -> Windows:
+def _windows_of(camera_to_world: Floats, limits: Limits, corners: Floats) -> WindowViews:
     """Return the windows of poses (N, 4, 4), with clip planes that hold boxes' corners (K, 3)."""
     lens = limits.lens.windows
     if lens.is_straight:
@@ -207,4 +207,6 @@ def _windows_of(camera_to_world: Floats, limits: Limits, corners: Floats) -> Win
     clip_far = np.minimum(np.maximum(deepest, reach), _FARTHEST * reach)
     clip_near = np.minimum(np.maximum(depth.min(axis=1), NEAREST * reach), clip_far / 2)
     farthest = np.where(deepest > 0, np.minimum(most, deepest), most)
-    return Windows(poses, lens.tan_half, reach, clip_near / _MARGIN, clip_far * _MARGIN, farthest)
+    return WindowViews(
+        poses, lens.tan_half, reach, clip_near / _MARGIN, clip_far * _MARGIN, farthest
+    )
