@@ -56,7 +56,9 @@ def depth_sheet(stage: Stage, s: int, size: tuple[int, int] = SIZE) -> Sheet:
             *_rayless([sensor]),
         ],
         Bar(low, high, f"distance {'from its centre' if by_range else 'along the axis'}", unit),
-        "Of the first viewpoint: none where the second does not see." if sensor.partner else "",
+        "As the first viewpoint has it; where the second does not see, none is measured."
+        if sensor.partner
+        else "",
     )
     sheet, box, columns = _sensor_page(stage, s, painted, size)
     distances, samples = stage.sensor_distances(s, box.size)
